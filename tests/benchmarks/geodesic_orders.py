@@ -16,6 +16,7 @@ import json
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import mandible_landmarks
@@ -40,7 +41,7 @@ from homolog.inspection import inspect
 from homolog.io.meshes import read_mesh
 from homolog.settings import GroomSettings, Method, OptimizeSettings, RunSettings
 from homolog.statistics.thin_plate import landmark_errors
-from homolog.surfaces.snapping import snapping
+from homolog.surfaces.closest import closest_points
 
 BEANS = {f"wide{seed}": (WIDE, seed) for seed in (1, 2, 3, 5, 12)} | {"narrow5": (NARROW, 5)}
 REAL = {
@@ -156,7 +157,9 @@ def errors(name, shapes, result):
         names = [shape.name for shape in shapes]
         of_mandibles = mandible_landmarks.expert_landmarks
         landmarks = expert_landmarks(shapes) if name == "vertebrae" else of_mandibles(names)
-        missed = landmark_errors(result.local, landmarks, [snapping(shape.mesh) for shape in shapes])
+        missed = landmark_errors(
+            result.local, landmarks, [partial(closest_points, shape.mesh) for shape in shapes]
+        )
         return {"landmark mm": float(np.nanmean(missed))}
     if name == "ventricles":
         return {"on both walls": wall_swaps(shapes, result)[1]}

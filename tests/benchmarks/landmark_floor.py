@@ -9,6 +9,7 @@ FOLDER holds the shapes that optimizer.py has groomed.
 import argparse
 import dataclasses
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,9 @@ from homolog.correspondence import Shape, optimize
 from homolog.device import choose_device
 from homolog.settings import OptimizeSettings
 from homolog.statistics.thin_plate import landmark_errors
+from homolog.surfaces.closest import closest_points
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.snapping import snapping
 
 FLIP = np.diag([-1.0, 1.0, 1.0, 1.0])
 PARTNERS = ["ABCDEFGHIJ".index(name) for name in "DCBAFEGHIJ"]  # A is right of what D is left of
@@ -41,7 +42,9 @@ def mirrored(shape):
 def errors_of(shapes, landmarks, settings, device):
     """Optimize and carry the landmarks between all shapes."""
     result = optimize(shapes, settings, device=device)
-    return result, landmark_errors(result.local, landmarks, [snapping(shape.mesh) for shape in shapes])
+    return result, landmark_errors(
+        result.local, landmarks, [partial(closest_points, shape.mesh) for shape in shapes]
+    )
 
 
 def mirror(shapes, landmarks, settings, device):

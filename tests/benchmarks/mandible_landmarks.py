@@ -11,6 +11,7 @@ import csv
 import os
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ from homolog.registration import align
 from homolog.registration.icp import oriented_points, registered
 from homolog.settings import OptimizeSettings, RunSettings
 from homolog.statistics.thin_plate import landmark_errors
-from homolog.surfaces.snapping import snapping
+from homolog.surfaces.closest import closest_points
 
 DATA = Path(os.environ.get("HOMOLOG_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 FOLDER = DATA / "zoo" / "mandible_mouse"
@@ -43,7 +44,7 @@ def icp_errors(shapes, landmarks):
     """Return errors (M, M, L) of the nearest surface points after similarity ICP of every pair."""
     clouds = [oriented_points(shape.coarse_mesh) for shape in shapes]
     units = [cloud.scaled(1.0 / cloud.size) for cloud in clouds]
-    snaps = [snapping(shape.mesh) for shape in shapes]
+    snaps = [partial(closest_points, shape.mesh) for shape in shapes]
     errors = np.full((len(shapes), *landmarks.shape[:2]), np.nan)
     for i, source in enumerate(units):
         for j, target in enumerate(units):
@@ -78,7 +79,9 @@ def main():
         )
     start = time.perf_counter()
     result = optimize(shapes, settings.placing, device=choose_device(arguments.device))
-    errors = landmark_errors(result.local, landmarks, [snapping(shape.mesh) for shape in shapes])
+    errors = landmark_errors(
+        result.local, landmarks, [partial(closest_points, shape.mesh) for shape in shapes]
+    )
     print(
         f"{arguments.particles} particles, seed {arguments.seed}: {np.nanmean(errors):.4f} mm, by landmark "
         f"{np.round(np.nanmean(errors, axis=(0, 1)), 3).tolist()}; {result.iterations} iterations, "

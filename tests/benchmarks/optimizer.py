@@ -22,6 +22,7 @@ import sys
 import tempfile
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -41,9 +42,9 @@ from homolog.geometry import farthest_point_sampling
 from homolog.progress import no_tick
 from homolog.settings import GroomSettings, Method, OptimizeSettings
 from homolog.statistics.thin_plate import landmark_errors as errors_of_landmarks
+from homolog.surfaces.closest import closest_points
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.snapping import snapping
 
 DATA = Path(os.environ.get("HOMOLOG_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 COHORTS = (1, 2, 3, 5, 12)
@@ -205,7 +206,9 @@ def expert_landmarks(shapes):
 
 def landmark_errors(shapes, particles):
     """Distances [mm] of landmarks carried by thin plates through the particles, snapped to the surface."""
-    return errors_of_landmarks(particles, expert_landmarks(shapes), [snapping(s.mesh) for s in shapes])
+    return errors_of_landmarks(
+        particles, expert_landmarks(shapes), [partial(closest_points, s.mesh) for s in shapes]
+    )
 
 
 def where_errors(shapes, errors):

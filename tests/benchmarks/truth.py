@@ -21,6 +21,7 @@ import pickle
 import sys
 import tempfile
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,7 @@ from homolog.correspondence.surface_sets import normalize_size
 from homolog.device import choose_device
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.settings import OptimizeSettings, RunSettings
-from homolog.surfaces.snapping import snapping
+from homolog.surfaces.closest import closest_points
 
 DATA = Path(os.environ.get("HOMOLOG_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 SPLINE_PARTICLES = 64
@@ -206,7 +207,7 @@ def measured(name, shapes, truth, settings, device):
     result = optimize(shapes, settings, device=device, observe=lambda frame: frames or frames.append(frame))
     start = transform_points(inverse_matrices(frames[0].alignments), frames[0].world)
     if isinstance(truth, np.ndarray):
-        snaps = [snapping(shape.mesh) for shape in shapes]
+        snaps = [partial(closest_points, shape.mesh) for shape in shapes]
         errors = [carried_errors(local, truth, snaps) for local in (start, result.local)]
     else:
         errors = [dense_errors(local, truth) for local in (start, result.local)]

@@ -18,9 +18,10 @@ from homolog.correspondence.kernels import step as step_kernels
 from homolog.correspondence.kernels.functions import stencil_cache
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.schedule import Weights
-from homolog.correspondence.surface_sets import SurfaceSet, nearest_faces
+from homolog.correspondence.surface_sets import SurfaceSet
 from homolog.geodesics.kernels.lookup import SurfacePoint
 from homolog.geometry import rotation_of
+from homolog.surfaces.nearest import nearest_faces
 from homolog.threads import cores, in_threads
 
 __all__ = ["Engine", "Particles"]

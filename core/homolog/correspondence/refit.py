@@ -6,13 +6,12 @@ Free particles start at the positions that the other subjects predict.
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.initialization.registration import (
+    NORMAL_LENGTH,
     Registration,
     ThinPlateMap,
-    features,
     snap_to_mesh,
 )
 from homolog.correspondence.mirror_images import with_mirror_images
@@ -24,6 +23,7 @@ from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.nearest import NearestPoints, normals_at
 from homolog.threads import on_one_thread
 
 __all__ = ["carry_particles", "initialize_fit", "repair"]
@@ -123,8 +123,8 @@ def initialize_fit(
     for number, k in enumerate(unknown):
         part_tick = part_of(tick, number / len(unknown), (number + 1) / len(unknown))
         part_tick(0.0, f"first particles of {shapes[k].name}")
-        tree = cKDTree(coarse[k].vertices)
-        costs = [float(np.mean(tree.query(points[j])[0])) for j in np.flatnonzero(known)]
+        vertices = NearestPoints.of(coarse[k])
+        costs = [float(np.mean(vertices.nearest(points[j])[0])) for j in np.flatnonzero(known)]
         nearest = int(np.flatnonzero(known)[int(np.argmin(costs))])
         carried = carry_particles(
             (_transform_mesh(shapes[nearest].mesh, to_optimizer[nearest]), coarse[nearest]),
@@ -158,7 +158,7 @@ def carry_particles(
     (n, 3) array
         On the target.
     """
-    moved, normals = _warp(source[1], target[1], particles, _normals_at(source[0], particles), tick)
+    moved, normals = _warp(source[1], target[1], particles, normals_at(source[0], particles), tick)
     return snap_to_mesh(moved, normals, target[0])
 
 
@@ -173,7 +173,7 @@ def _predict_misplaced(shapes: Sequence[Shape], local: FloatArray, misplaced: Bo
         normals = np.zeros((int(columns.sum()), 3))
         for j, shape in enumerate(shapes):
             if j != k:
-                normals += _normals_at(_transform_mesh(shape.mesh, to_optimizer[j]), world[j, columns])
+                normals += normals_at(_transform_mesh(shape.mesh, to_optimizer[j]), world[j, columns])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
         snapped = snap_to_mesh(
             predicted[k, columns], normals, _transform_mesh(shapes[k].mesh, to_optimizer[k])
@@ -191,13 +191,6 @@ def _transform_mesh(mesh: TriangleMesh, placement: Similarity) -> TriangleMesh:
     return TriangleMesh(placement.apply(mesh.vertices), mesh.faces)
 
 
-def _normals_at(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
-    """Return the mesh's normals at points on it, (n, 3)."""
-    nearest: IntArray = np.asarray(cKDTree(mesh.vertices).query(points)[1])
-    normals: FloatArray = mesh.vertex_normals[nearest]
-    return normals
-
-
 def _warp(
     source: TriangleMesh, target: TriangleMesh, points: FloatArray, normals: FloatArray, tick: Tick
 ) -> tuple[FloatArray, FloatArray]:
@@ -206,6 +199,6 @@ def _warp(
     deformed = registration.deform([target], [source.vertices], tick)[0]
     control = registration.control
     through = ThinPlateMap.fit(source.vertices[control], points)
-    near = cKDTree(features(source.vertices, source.vertex_normals)).query(features(points, normals))[1]
+    near = NearestPoints.of(source, NORMAL_LENGTH).nearest(points, normals)[1]
     mesh = deformed.mesh
     return through.apply(mesh.vertices[control], INTERPOLATION_SMOOTHING), mesh.vertex_normals[near]

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.engine import Engine, Particles
@@ -34,6 +33,7 @@ from homolog.registration.pose_search import follow_pose, search_poses
 from homolog.registration.procrustes import procrustes_step, robust_step
 from homolog.settings import OptimizeSettings, Procrustes
 from homolog.surfaces.mirroring import MIRROR, mirrors
+from homolog.surfaces.nearest import NearestPoints
 from homolog.threads import on_one_thread
 
 __all__ = ["first_particles", "fit_shape", "fit_shape_from", "nearest_template", "shape_state"]
@@ -59,9 +59,9 @@ _TEMPLATE_POINTS = 256
 
 def nearest_template(ensemble: Ensemble, shape: Shape) -> int:
     """Return which template's particles lie nearest to a shape, whose alignment is a placement."""
-    tree = cKDTree(transform_points(shape.alignment, shape.coarse_mesh.vertices))
+    surface = NearestPoints.of(shape.coarse_mesh.placed(shape.alignment))
     every = slice(None, None, max(1, len(ensemble.mean) // _TEMPLATE_POINTS))
-    distances = [float(np.mean(tree.query(points[every])[0])) for points in ensemble.templates]
+    distances = [float(np.mean(surface.nearest(points[every])[0])) for points in ensemble.templates]
     return int(np.argmin(distances))
 
 

@@ -4,15 +4,15 @@ import threading
 
 import numpy as np
 import warp as wp
-from scipy.spatial import cKDTree
 
 from homolog.arrays import DeviceArray, FloatArray
-from homolog.correspondence.initialization.registration import features
+from homolog.correspondence.initialization.registration import NORMAL_LENGTH
 from homolog.correspondence.kernels import particles as kernels
 from homolog.correspondence.kernels.functions import stencil_cache
 from homolog.correspondence.launcher import load_kernels
 from homolog.geometry import inverse_matrices, rotation_of, transform_points
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.nearest import NearestPoints
 
 __all__ = ["SurfacePoints"]
 
@@ -33,8 +33,7 @@ class SurfacePoints:
     def __init__(self, fields: DeviceArray, opening_fields: DeviceArray, mesh: TriangleMesh) -> None:
         load_kernels("cpu")  # otherwise each thread would load them
         self._fields, self._opening_fields = fields, opening_fields
-        self._vertices, self._normals, self.area = mesh.vertices, mesh.vertex_normals, mesh.area
-        self._tree = cKDTree(features(self._vertices, self._normals))
+        self._vertices, self.area = NearestPoints.of(mesh, NORMAL_LENGTH), mesh.area
         self._own = threading.local()  # poses are searched for in several threads
 
     def nearest(
@@ -58,8 +57,8 @@ class SurfacePoints:
         """
         rotation = rotation_of(pose[None])[0]
         goals, directions = transform_points(inverse_matrices(pose), targets), normals @ rotation
-        first = np.asarray(self._tree.query(features(goals, directions))[1])
-        points, planes = self._vertices[first], self._normals[first]
+        first = self._vertices.nearest(goals, directions)[1]
+        points, planes = self._vertices.points[first], self._vertices.normals[first]
         for _ in range(_PROJECTIONS):
             points = goals - np.einsum("ni,ni->n", goals - points, planes)[:, None] * planes
             points, planes, openings = self._projected(points)

@@ -11,7 +11,6 @@ from itertools import pairwise
 
 import numpy as np
 import warp as wp
-from scipy.spatial import cKDTree
 
 from homolog.arrays import Array, BoolArray, DeviceArray, FloatArray, IntArray
 from homolog.correspondence.kernels.particles import Surface
@@ -30,7 +29,6 @@ __all__ = [
     "SurfaceSet",
     "build_surface_set",
     "length_unit",
-    "nearest_faces",
     "normalize_size",
     "on_device",
 ]
@@ -214,28 +212,3 @@ def face_neighbours(meshes: Sequence[TriangleMesh]) -> Iterator[IntArray]:
         across = np.roll(sides.twin.reshape(-1, 3) // 3, -1, axis=1)
         for first, end in pairwise(sides.first_face.tolist()):
             yield across[first:end] - np.int32(first)
-
-
-def nearest_faces(mesh: TriangleMesh, points: FloatArray, normals: FloatArray) -> IntArray:
-    """Return for each point a nearby face whose normal agrees, as the start of a walk.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        The surface.
-    points, normals : (n, 3) arrays
-        Points near the surface, and their outward unit normals.
-
-    Returns
-    -------
-    (n,) int array
-        Indices of faces.
-    """
-    corners = mesh.vertices[mesh.faces]
-    face_normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    face_normals /= np.maximum(np.linalg.norm(face_normals, axis=1, keepdims=True), 1e-30)
-    candidates = np.asarray(cKDTree(corners.mean(axis=1)).query(points, k=min(24, len(corners)))[1])
-    agree = np.einsum("nkd,nd->nk", face_normals[candidates], normals) > 0.2
-    first = np.where(agree.any(axis=1), agree.argmax(axis=1), 0)
-    nearest: IntArray = candidates[np.arange(len(points)), first].astype(np.int32)
-    return nearest

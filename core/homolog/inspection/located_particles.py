@@ -18,7 +18,6 @@ from homolog.correspondence.surface_sets import (
     SurfaceSet,
     build_surface_set,
     morton_ordered,
-    nearest_faces,
 )
 from homolog.errors import InputError
 from homolog.geodesics import distances_from, solve_tables
@@ -28,6 +27,7 @@ from homolog.inspection import kernels
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.closest import on_device
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.nearest import nearest_faces
 from homolog.surfaces.simplify import simplified
 from homolog.surfaces.topology import longest_edge
 

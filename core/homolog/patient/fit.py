@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import BoolArray, FloatArray, frozen
@@ -15,6 +14,7 @@ from homolog.patient.target import Target
 from homolog.progress import Tick, no_tick
 from homolog.registration.icp import oriented_points, registered
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.nearest import normals_at
 
 __all__ = ["CutEnd", "SurfaceFit", "fit_surface"]
 
@@ -138,7 +138,7 @@ def fit_surface(
         tick(number / (_ROUNDS + 5), "fitting")
         normals = model.surface(points).vertex_normals
         local = transform_points(inverse_matrices(pose), points[: model.vertices])
-        nearest = target.nearest(local, normals @ pose[:3, :3])
+        nearest = target.nearest(local, normals @ pose[:3, :3])[1]
         goals = transform_points(pose, target.points[nearest])
         planes = target.normals[nearest] @ pose[:3, :3].T
         apart = np.einsum("vi,vi->v", goals - points[: model.vertices], planes)
@@ -224,10 +224,10 @@ def _measured(
     residual, met = target.along_normals(local[: model.vertices], own)
     residual = remove_spikes(residual, model.faces, surface.mean_edge)
     particles = local[model.vertices :]
-    above = own[np.asarray(KDTree(surface.vertices).query(points[model.vertices :])[1])]
+    above = normals_at(surface, points[model.vertices :]) @ pose[:3, :3]
     far, _ = target.along_normals(particles, above)
     particles = particles + far[:, None] * above
-    nearest = target.nearest(particles, above)
+    nearest = target.nearest(particles, above)[1]
     planes = target.normals[nearest]
     off = np.einsum("ni,ni->n", particles - target.points[nearest], planes)
     particles = particles - off[:, None] * planes
@@ -237,7 +237,7 @@ def _measured(
 def _on_surface(model: SurfaceModel, target: Target, pose: FloatArray, points: FloatArray) -> FloatArray:
     """Return the surface's vertices nearest to particles in position and normal (N, 3)."""
     surface, particles = model.surface(points), points[model.vertices :]
-    normals = surface.vertex_normals[np.asarray(KDTree(surface.vertices).query(particles)[1])]
+    normals = normals_at(surface, particles)
     return target.points[
-        target.nearest(transform_points(inverse_matrices(pose), particles), normals @ pose[:3, :3])
+        target.nearest(transform_points(inverse_matrices(pose), particles), normals @ pose[:3, :3])[1]
     ]

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.spatial import KDTree
 
 from homolog.arrays import BoolArray, FloatArray
 from homolog.patient.target import NORMAL_WEIGHT, Target
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.nearest import NearestPoints
 
 __all__ = ["OwnSurface", "own_surface"]
 
@@ -69,16 +69,15 @@ def own_surface(
     target, normals = Target(mesh), expected.vertex_normals
     places = expected.vertices + residual[:, None] * normals
     away = ~met & ~missing
-    nearest = target.nearest(places, normals)
+    nearest = target.nearest(places, normals)[1]
     if away.any():
-        nearest[away] = np.asarray(KDTree(mesh.vertices).query(expected.vertices[away])[1])
+        nearest[away] = NearestPoints.of(mesh).nearest(expected.vertices[away])[1]
         places[away] = mesh.vertices[nearest[away]]
     directions = np.where(missing[:, None], normals, target.normals[nearest])
-    weight = NORMAL_WEIGHT * target.size
     whole, cut = _joined(mesh, expected, missing)
-    goal = np.hstack([whole.vertices, weight * np.concatenate([target.normals, normals[cut]])])
-    neighbours = KDTree(np.hstack([places, weight * directions])).query(goal, k=_NEIGHBOURS + 1)
-    gaps, near = np.asarray(neighbours[0]), np.asarray(neighbours[1])
+    vertices = NearestPoints(places, directions, NORMAL_WEIGHT * target.size)
+    goals = np.concatenate([target.normals, normals[cut]])
+    gaps, near = vertices.nearest(whole.vertices, goals, count=_NEIGHBOURS + 1)
     weights = np.square(1.0 - gaps[:, :-1] / np.maximum(gaps[:, -1:], 1e-9)) + 1e-9
     rows = np.repeat(np.arange(len(near)), _NEIGHBOURS)
     shares = weights / weights.sum(axis=1, keepdims=True)

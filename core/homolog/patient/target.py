@@ -1,11 +1,11 @@
 """The target surface of a fit: closest points by position and normal, and distances along normals."""
 
 import numpy as np
-from scipy.spatial import KDTree
 
-from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.arrays import BoolArray, FloatArray
 from homolog.geometry import rms_radius
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.nearest import NearestPoints
 
 __all__ = ["NORMAL_WEIGHT", "Target"]
 
@@ -20,8 +20,8 @@ _REACH = 2.5
 """Largest distance of the met point from the vertex, in mean edges."""
 
 
-class Target:
-    """A patient's surface with search structures.
+class Target(NearestPoints):
+    """A patient's surface, searched by position and normal.
 
     Parameters
     ----------
@@ -30,17 +30,9 @@ class Target:
     """
 
     def __init__(self, mesh: TriangleMesh) -> None:
-        self.mesh = mesh
-        self.points, self.normals = mesh.vertices, mesh.vertex_normals
-        self.size = float(rms_radius(mesh.vertices))
+        self.mesh, self.size = mesh, float(rms_radius(mesh.vertices))
         self._edge = mesh.mean_edge
-        self._weight = NORMAL_WEIGHT * self.size
-        self._tree = KDTree(np.hstack([self.points, self._weight * self.normals]))
-        self._plain: KDTree | None = None
-
-    def nearest(self, points: FloatArray, normals: FloatArray) -> IntArray:
-        """Return the vertices (n,) nearest in position and normal to points (n, 3) with normals (n, 3)."""
-        return np.asarray(self._tree.query(np.hstack([points, self._weight * normals]))[1])
+        super().__init__(mesh.vertices, mesh.vertex_normals, NORMAL_WEIGHT * self.size)
 
     def along_normals(self, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return the distances of the surface from points along their normals.
@@ -61,14 +53,14 @@ class Target:
         distances = np.zeros(len(points))
         for _ in range(_ROUNDS):
             reached = points + distances[:, None] * normals
-            nearest = self.nearest(reached, normals)
+            nearest = self.nearest(reached, normals)[1]
             plane = self.normals[nearest]
             cosine = np.einsum("ni,ni->n", normals, plane)
             along = np.einsum("ni,ni->n", self.points[nearest] - points, plane)
             step = along / np.maximum(cosine, _LEAST_COSINE)
             distances = np.clip(step, -self.size, self.size)
         reached = points + distances[:, None] * normals
-        nearest = self.nearest(reached, normals)
+        nearest = self.nearest(reached, normals)[1]
         gaps = np.linalg.norm(self.points[nearest] - reached, axis=1)
         cosine = np.einsum("ni,ni->n", normals, self.normals[nearest])
         met: BoolArray = (cosine > _LEAST_COSINE) & (gaps < _REACH * self._edge)
@@ -78,9 +70,7 @@ class Target:
 
     def _signed(self, points: FloatArray) -> FloatArray:
         """Return signed distances (n,) of points from the surface: negative outside."""
-        if self._plain is None:
-            self._plain = KDTree(self.points)
-        gaps, nearest = self._plain.query(points)
+        gaps, nearest = NearestPoints(self.points, self.normals).nearest(points)
         outside = np.einsum("ni,ni->n", points - self.points[nearest], self.normals[nearest]) > 0.0
-        signed: FloatArray = np.where(outside, -1.0, 1.0) * np.asarray(gaps)
+        signed: FloatArray = np.where(outside, -1.0, 1.0) * gaps
         return signed

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.geometry import fit_rotation, rotation_of, scale_of, transform_points
+from homolog.surfaces.nearest import NearestPoints
 from homolog.surfaces.orientation import prior_weights
 
 __all__ = [
@@ -18,7 +18,6 @@ __all__ = [
     "iterated",
     "iterated_each",
     "robust_weights",
-    "search_tree",
 ]
 
 NORMAL_WEIGHT = 0.5
@@ -79,8 +78,8 @@ class Fit:
     distance: float
 
 
-class SearchedPoints:
-    """One of two registered point sets of about unit size, with a search tree.
+class SearchedPoints(NearestPoints):
+    """One of two registered point sets of about unit size, searched by position and normal.
 
     Parameters
     ----------
@@ -88,8 +87,7 @@ class SearchedPoints:
     """
 
     def __init__(self, shape: OrientedPoints) -> None:
-        self.points, self.normals = shape.points, shape.normals
-        self.tree = search_tree(self.points, self.normals)
+        super().__init__(shape.points, shape.normals, NORMAL_WEIGHT)
 
     def some(self, count: int) -> slice:
         """Return a slice that selects about `count` points evenly."""
@@ -98,17 +96,6 @@ class SearchedPoints:
     def exactly(self, count: int) -> IntArray:
         """Return the indices of `count` points, evenly."""
         return np.arange(count) * len(self.points) // count
-
-    def nearest(self, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return distances to the nearest points in position and normal, and their indices, (..., N)."""
-        distances, indices = self.tree.query(np.concatenate([points, NORMAL_WEIGHT * normals], axis=-1))
-        return np.asarray(distances), np.asarray(indices)
-
-
-def search_tree(points: FloatArray, normals: FloatArray) -> KDTree:
-    """Return a tree of positions and normals; in six dimensions, large unbalanced leaves are fastest."""
-    values = np.concatenate([points, NORMAL_WEIGHT * normals], axis=1)
-    return KDTree(values, leafsize=32, balanced_tree=False)
 
 
 def iterated(

@@ -5,7 +5,6 @@ from itertools import permutations, product
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
@@ -25,9 +24,9 @@ from homolog.registration.closest_points import (
     iterated,
     iterated_each,
     robust_weights,
-    search_tree,
 )
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.nearest import NearestPoints
 from homolog.surfaces.orientation import softness
 
 __all__ = [
@@ -68,8 +67,8 @@ def axes_rotation(moving: OrientedPoints, fixed: OrientedPoints) -> FloatArray:
     own, other = _axes(moving.points), _axes(fixed.points)
     turns = [other @ np.diag(signs) @ own.T for signs in product((1.0, -1.0), repeat=3)]
     turns = [turn for turn in turns if np.linalg.det(turn) > 0.0]
-    tree = KDTree(fixed.points)
-    return min(turns, key=lambda turn: float(np.mean(tree.query(moving.points[::5] @ turn.T)[0])))
+    surface = NearestPoints(fixed.points, fixed.normals)
+    return min(turns, key=lambda turn: float(np.mean(surface.nearest(moving.points[::5] @ turn.T)[0])))
 
 
 def registered(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
@@ -221,10 +220,9 @@ class Bending:
     ) -> tuple[FloatArray, IntArray, IntArray]:
         """Return distances of matches in both directions, and the indices of either surface's points."""
         there, onto = other.nearest(points, normals)
-        tree = search_tree(points, normals)
-        wanted = np.concatenate([other.points[theirs], NORMAL_WEIGHT * other.normals[theirs]], axis=1)
-        back, from_ = tree.query(wanted)
-        return np.concatenate([there, back]), onto, np.asarray(from_)
+        own = NearestPoints(points, normals, NORMAL_WEIGHT)
+        back, from_ = own.nearest(other.points[theirs], other.normals[theirs])
+        return np.concatenate([there, back]), onto, from_
 
 
 def _axes(points: FloatArray) -> FloatArray:

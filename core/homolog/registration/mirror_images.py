@@ -6,7 +6,6 @@ from functools import partial
 from itertools import product
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from homolog.arrays import FloatArray
 from homolog.geometry import transform_points
@@ -16,6 +15,7 @@ from homolog.registration.closest_points import SearchedPoints
 from homolog.registration.icp import OrientedPoints, oriented_points, refined_each, sought
 from homolog.registration.typicality import by_typicality
 from homolog.surfaces.mirroring import MIRROR
+from homolog.surfaces.nearest import NearestPoints
 from homolog.threads import cores
 
 __all__ = ["better_mirrored", "reversed_ones"]
@@ -55,11 +55,12 @@ class _Surface:
     """The surface of a point set, with search trees."""
 
     def __init__(self, shape: OrientedPoints) -> None:
-        self.shape, self.searched, self._tree = shape, SearchedPoints(shape), KDTree(shape.points)
+        self.shape, self.searched = shape, SearchedPoints(shape)
+        self._positions = NearestPoints(shape.points, shape.normals)
 
     def distance(self, points: FloatArray) -> float:
         """Return the mean distance of points from the surface."""
-        nearest = self._tree.query(points)[1]
+        nearest = self._positions.nearest(points)[1]
         away = np.einsum("ni,ni->n", points - self.shape.points[nearest], self.shape.normals[nearest])
         return max(float(np.abs(away).mean()), 1e-6)
 

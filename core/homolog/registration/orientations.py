@@ -154,12 +154,7 @@ def _carried(
         tick(0.0, "aligning")
         surface = SearchedPoints(unit.placed(fit.pose))
         points, normals = template.bent(surface, np.eye(4))
-        there = surface.nearest(points, normals)[1]
-        vertices, planes = surface.points[there], surface.normals[there]
-        along = points - vertices
-        along -= np.einsum("ni,ni->n", along, planes)[:, None] * planes
-        far = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-        yield np.stack([vertices + along * np.minimum(1.0, _REACH / far), planes])
+        yield np.stack(surface.touched(points, normals, _REACH)[:2])
 
 
 def _descended(among: Sequence[_Candidates], start: Sequence[int]) -> list[int]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,8 @@ from homolog.io.meshes import read_mesh
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_result, surface_file
 from homolog.statistics.thin_plate import landmark_errors
+from homolog.surfaces.closest import closest_points
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.snapping import snapping
 
 __all__ = ["LandmarkErrors", "check_landmarks", "project_landmark_errors", "with_landmarks"]
 
@@ -147,6 +148,6 @@ def project_landmark_errors(project: ProjectFolder) -> LandmarkErrors | None:
     for index, points, mesh in zip(chosen, table, meshes, strict=True):
         if len(placed := points[np.isfinite(points[:, 0])]):
             check_landmarks(files[result.names[index]], result.names[index], placed, mesh)
-    snap = [snapping(mesh) for mesh in meshes]
+    snap = [partial(closest_points, mesh) for mesh in meshes]
     errors = landmark_errors(result.local[chosen], table, snap)
     return LandmarkErrors(names, tuple(result.names[index] for index in chosen), frozen(errors))

@@ -1,4 +1,4 @@
-"""Distances to meshes, and thickness."""
+"""Closest points of meshes, distances to them, and thickness."""
 
 import numpy as np
 import warp as wp
@@ -8,7 +8,17 @@ from homolog.device import choose_device
 from homolog.surfaces.kernels import distances as kernels
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["distances_to", "on_device", "signed_distances_to", "thickness"]
+__all__ = ["closest_points", "distances_to", "on_device", "signed_distances_to", "thickness"]
+
+
+def closest_points(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu") -> FloatArray:
+    """Return the points (N, 3) of a mesh that are closest to others (N, 3) [mm]."""
+    with wp.ScopedDevice(choose_device(device)):
+        surface, centre = on_device(mesh)
+        queries = wp.array((points - centre).astype(np.float32), dtype=wp.vec3)
+        closest = wp.empty(len(points), dtype=wp.vec3)
+        wp.launch(kernels.closest_points, len(points), [surface.id, queries, closest])
+        return np.asarray(closest.numpy() + centre, dtype=np.float64)
 
 
 def distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu") -> FloatArray:
@@ -28,7 +38,7 @@ def distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu")
     (N,) float64 array
         Distances [mm].
     """
-    return _run_kernel(kernels.distances_of_points, mesh, points, device)
+    return np.asarray(np.linalg.norm(points - closest_points(mesh, points, device=device), axis=1))
 
 
 def signed_distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu") -> FloatArray:
@@ -48,7 +58,12 @@ def signed_distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str =
     (N,) float64 array
         Distances to the nearest point of the surface [mm], negative inside.
     """
-    return _run_kernel(kernels.signed_distances_of_points, mesh, points, device)
+    with wp.ScopedDevice(choose_device(device)):
+        surface, centre = on_device(mesh)
+        queries = wp.array((points - centre).astype(np.float32), dtype=wp.vec3)
+        distances = wp.empty(len(points), dtype=wp.float32)
+        wp.launch(kernels.signed_distances_of_points, len(points), [surface.id, queries, distances])
+        return np.asarray(distances.numpy(), dtype=np.float64)
 
 
 def thickness(mesh: TriangleMesh, every: int = 1, *, device: str = "cpu") -> FloatArray:
@@ -84,13 +99,3 @@ def on_device(mesh: TriangleMesh) -> tuple[wp.Mesh, FloatArray]:
         indices=wp.array(mesh.faces.ravel(), dtype=wp.int32),
     )
     return surface, centre
-
-
-def _run_kernel(kernel: wp.Kernel, mesh: TriangleMesh, points: FloatArray, device: str) -> FloatArray:
-    """Return the result (N,) [mm] of a kernel of mesh, points and distances."""
-    with wp.ScopedDevice(choose_device(device)):
-        surface, centre = on_device(mesh)
-        queries = wp.array((points - centre).astype(np.float32), dtype=wp.vec3)
-        distances = wp.empty(len(points), dtype=wp.float32)
-        wp.launch(kernel, len(points), [surface.id, queries, distances])
-        return np.asarray(distances.numpy(), dtype=np.float64)

@@ -20,10 +20,10 @@ from homolog.correspondence.surface_sets import (
     Similarity,
     build_surface_set,
     face_neighbours,
-    nearest_faces,
 )
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.nearest import nearest_faces
 
 LAUNCHER = Launcher("cpu", threads=1)
 

@@ -15,7 +15,6 @@ from typing import Self
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from homolog.arrays import FloatArray, IntArray
@@ -25,6 +24,7 @@ from homolog.geometry import farthest_point_sampling, inverse_matrices, transfor
 from homolog.progress import Tick, no_tick, part_of, run_in_background, run_in_threads
 from homolog.registration.procrustes import posed_meshes
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.nearest import NearestPoints, normals_at
 from homolog.threads import cores, in_threads, on_one_thread
 
 __all__ = [
@@ -189,14 +189,13 @@ class Registration:
         """
         deformed = np.stack(guesses, axis=1)  # (V, targets, 3)
         errors = [MatchErrors(_vertex_error(target)) for target in targets]
-        trees = [cKDTree(target.vertices) for target in targets]
         for smoothing in (None, *SMOOTHINGS):
             places, normals = deformed[self.control], self._control_normals(deformed)
             matched = np.empty((len(targets), *self.control.shape, 3))
             for index, target in enumerate(targets):
                 tick(0.0, "first particles")
                 own = places[:, index], normals[:, index]
-                closest_and_normals = _closest_points(target, trees[index], *own, errors[index])
+                closest_and_normals = _closest_points(target, *own, errors[index])
                 errors[index] = MatchErrors.measured(*own, *closest_and_normals, target)
                 opposes = np.einsum("nd,nd->n", own[1], closest_and_normals[1]) <= 0.0
                 matched[index] = np.where(opposes[:, None], own[0], closest_and_normals[0])
@@ -218,22 +217,19 @@ class Registration:
 
 
 def _closest_points(
-    target: TriangleMesh, tree: cKDTree, points: FloatArray, normals: FloatArray, errors: MatchErrors
+    target: TriangleMesh, points: FloatArray, normals: FloatArray, errors: MatchErrors
 ) -> tuple[FloatArray, FloatArray]:
     """Return the closest points of a target, and unit normals there, (n, 3) each.
 
     They are means of the vertices nearest in position and normal, weighted by their distances.
     """
-    length = errors.normal_length
-    if length > 0.0:
-        tree = cKDTree(features(target.vertices, target.vertex_normals, length))
-        points = features(points, normals, length)
-    distances, rows = tree.query(points, k=min(N_MATCHES, len(target.vertices)))
+    vertices = NearestPoints.of(target, errors.normal_length)
+    distances, rows = vertices.nearest(points, normals, count=N_MATCHES)
     squared = np.square(distances)
     weights = np.exp(-0.5 * (squared - squared[:, :1]) / errors.position**2)
     weights /= weights.sum(axis=1, keepdims=True)
-    matched = np.einsum("nk,nkd->nd", weights, target.vertices[rows])
-    turned = np.einsum("nk,nkd->nd", weights, target.vertex_normals[rows])
+    matched = np.einsum("nk,nkd->nd", weights, vertices.points[rows])
+    turned = np.einsum("nk,nkd->nd", weights, vertices.normals[rows])
     turned /= np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-9)
     return matched, turned
 
@@ -353,7 +349,7 @@ def _landmark_vertices(meshes: Sequence[TriangleMesh], landmarks: FloatArray | N
     if landmarks is None:
         return [np.empty(0, dtype=np.int64) for _ in meshes]
     pairs = zip(meshes, landmarks, strict=True)
-    vertices = np.array([cKDTree(mesh.vertices).query(points)[1] for mesh, points in pairs])
+    vertices = np.array([NearestPoints.of(mesh).nearest(points)[1] for mesh, points in pairs])
     distinct = [
         index
         for index in range(vertices.shape[1])
@@ -390,7 +386,7 @@ def shape_distances(
     if device != "cpu":
         tick(0.0, "most typical shape")
         return candidates, mean_distances(meshes, candidates, N_SAMPLES, device)
-    trees = [cKDTree(mesh.vertices) for mesh in meshes]
+    vertices = [NearestPoints.of(mesh) for mesh in meshes]
     points = []
 
     def spread_points(mesh: TriangleMesh) -> FloatArray:
@@ -401,13 +397,12 @@ def shape_distances(
         points.append(chosen)
     chosen_points = [points[k] for k in candidates]
 
-    def means(tree: cKDTree, points: Sequence[FloatArray]) -> FloatArray:
-        nearest = np.asarray(tree.query(np.concatenate(points))[0])
-        result: FloatArray = nearest.reshape(len(points), -1).mean(axis=1)
+    def means(own: NearestPoints, points: Sequence[FloatArray]) -> FloatArray:
+        result: FloatArray = own.nearest(np.concatenate(points))[0].reshape(len(points), -1).mean(axis=1)
         return result
 
-    forward = in_threads(lambda k: means(trees[k], points), candidates.tolist(), cores())
-    back = in_threads(lambda tree: means(tree, chosen_points), trees, cores())
+    forward = in_threads(lambda k: means(vertices[k], points), candidates.tolist(), cores())
+    back = in_threads(lambda own: means(own, chosen_points), vertices, cores())
     distances = np.zeros((len(candidates), len(meshes)))
     for row, row_distances in enumerate(forward):
         tick(0.5 + 0.25 * row / len(candidates), "most typical shape")
@@ -453,20 +448,8 @@ def snap_to_mesh(
     (n, 3) array
         Points on the mesh.
     """
-    normals_of_mesh = mesh.vertex_normals
-    nearest: IntArray = np.asarray(
-        cKDTree(features(mesh.vertices, normals_of_mesh, normal_length)).query(
-            features(points, normals, normal_length)
-        )[1]
-    )
-    closest, closest_normals = mesh.vertices[nearest], normals_of_mesh[nearest]
-    tangential = points - closest
-    tangential -= closest_normals * np.einsum("nd,nd->n", tangential, closest_normals)[:, None]
-    length = np.linalg.norm(tangential, axis=1, keepdims=True)
-    snapped: FloatArray = closest + tangential * np.minimum(1.0, mesh.mean_edge / np.maximum(length, 1e-12))
-    nearby_normals = normals_of_mesh[np.asarray(cKDTree(mesh.vertices).query(snapped)[1])]
-    crosses_wall = (
-        np.einsum("nd,nd->n", nearby_normals, closest_normals) < MIN_NORMAL_COSINE
-    )  # the wall is thin and bends
-    snapped[crosses_wall] = closest[crosses_wall]
+    snapped, planes, nearest = NearestPoints.of(mesh, normal_length).touched(points, normals, mesh.mean_edge)
+    # the wall may be thin and bend
+    crosses = np.einsum("nd,nd->n", normals_at(mesh, snapped), planes) < MIN_NORMAL_COSINE
+    snapped[crosses] = mesh.vertices[nearest[crosses]]
     return snapped

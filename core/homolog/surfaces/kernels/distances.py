@@ -248,14 +248,13 @@ def distances_of_blocks(
 
 
 @wp.kernel
-def distances_of_points(
-    mesh: wp.uint64, points: wp.array(dtype=wp.vec3), distances: wp.array(dtype=wp.float32)
+def closest_points(
+    mesh: wp.uint64, points: wp.array(dtype=wp.vec3), closest: wp.array(dtype=wp.vec3)
 ) -> None:
-    """Unsigned distance from points to a mesh."""
+    """Points of a mesh closest to others."""
     i = wp.tid()
     query = wp.mesh_query_point_no_sign(mesh, points[i], 1.0e30)
-    nearest = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
-    distances[i] = wp.length(points[i] - nearest)
+    closest[i] = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
 
 
 @wp.kernel
