@@ -270,12 +270,14 @@ def correspond(
         control.observer = _observer(callback)
     control.enter(Phase.READING, "reading")
     readings: dict[str, Reading] = {}
-    if bad := check_cohort(cohort, chosen.groom, control.tick, sources=sources, readings=readings):
-        raise InputError("\n".join(problem.message for problem in bad))
-    check_sides(cohort, chosen.groom)
-    control.enter(Phase.GROOMING, "grooming")
     keys: dict[str, str] = {}
     with _executor(workers) as executor:
+        if bad := check_cohort(
+            cohort, chosen.groom, control.tick, executor=executor, sources=sources, readings=readings
+        ):
+            raise InputError("\n".join(problem.message for problem in bad))
+        check_sides(cohort, chosen.groom)
+        control.enter(Phase.GROOMING, "grooming")
         groomed = groom_cohort(
             cohort,
             chosen.groom,

@@ -5,7 +5,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -53,7 +53,7 @@ NO_SOURCES: Mapping[str, Source] = {}
 _LOOKING = 0.1
 """Fraction of the progress in which the cache is read."""
 _MOST_KEPT = 2**28
-"""Memory for the shapes of checked files, in bytes; those of further files are read again by the workers."""
+"""Memory for the shapes of checked files, in bytes; those above an equal share are read again."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +93,15 @@ class _Packed:
         return replace(self.rest, mask=bits.reshape(self.shape).view(np.bool_))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Content:
+    """What a subject's file holds: what is kept of it, its structure's name, and whether it is a pair."""
+
+    reading: Reading
+    structure: str = ""
+    is_pair: bool = False
+
+
 _Job = tuple[Subject, GroomSettings, Source | _Packed | None, str]
 
 
@@ -109,20 +118,24 @@ def check_cohort(
     settings: GroomSettings,
     tick: Tick = no_tick,
     *,
+    executor: Executor | None = None,
     sources: Mapping[str, Source] = NO_SOURCES,
     readings: dict[str, Reading] | None = None,
 ) -> list[Problem]:
-    """Read every file and return the problems, in the cohort's order.
+    """Read every file in workers, and return the problems, in the cohort's order.
 
     Nothing is groomed or written. Only grooming itself detects a grid that does not fit into memory, a mesh
-    too small for the requested edge length, and a shape that vanishes in smoothing.
+    too small for the requested edge length, and a shape that vanishes in smoothing. A file that ends the
+    process that reads it is a problem like any other.
 
     Parameters
     ----------
     cohort : Cohort
     settings : GroomSettings
     tick : Tick
-        Called once per subject.
+        Called at least every 0.1 s.
+    executor : Executor, optional
+        Reads the files; by default, processes of this machine.
     sources : mapping of str to Segmentation or TriangleMesh, optional
         Shapes in memory, by subject, in place of their files.
     readings : dict, optional
@@ -132,31 +145,72 @@ def check_cohort(
     -------
     list of Problem
     """
-    problems, kept = [], 0
-    called: dict[str, str] = {}
-    pairs: list[str] = []
-    for index, subject in enumerate(cohort.subjects):
-        tick(index / len(cohort.subjects), f"checking {subject.name}")
+    found: dict[str, _Content] = {}
+    wrong: dict[str, str] = {}
+    most = _MOST_KEPT // max(len(cohort.subjects), 1) if readings is not None else 0
+    jobs = {item.name: (item, settings, sources.get(item.name), most) for item in cohort.subjects}
+    for name, future in _each_read(executor, jobs, tick):
         try:
-            source = _source(subject, settings, sources.get(subject.name))
-            if isinstance(source, Segmentation) and source.name and settings.segment is None:
-                called[subject.name] = source.name.strip()
-            if isinstance(source, Segmentation) and is_pair(with_missing_slices(source)[0].mask):
-                pairs.append(subject.name)
-            if subject.landmarks is not None:
-                read_markups(subject.landmarks)
-            if readings is not None and subject.name not in sources:
-                shape = _Packed.of(source) if isinstance(source, Segmentation) else source
-                kept += shape.bits.nbytes if isinstance(shape, _Packed) else _size(shape)
-                key = content_key(source, settings)
-                readings[subject.name] = Reading(key, shape if kept <= _MOST_KEPT else None)
+            found[name] = future.result()
         except InputError as error:
-            problems.append(Problem(subject.name, str(error)))
-    problems += _of_other_names(called)
+            wrong[name] = str(error)
+        except BrokenExecutor:
+            wrong[name] = (
+                f"{jobs[name][0].path}: the process that read it ended: it is damaged, or memory is short; "
+                "export it again, or exclude it"
+            )
+    if readings is not None:
+        readings |= {name: item.reading for name, item in found.items() if name not in sources}
+    problems = [Problem(name, message) for name, message in wrong.items()]
+    problems += _of_other_names({name: item.structure for name, item in found.items() if item.structure})
+    pairs = [name for name, item in found.items() if item.is_pair]
     if len(pairs) > 1 and len(pairs) >= _MANY_PAIRS * len(cohort.subjects):
         problems += [Problem(name, f"{name}: {_PAIR}") for name in pairs]
     order = {item.name: index for index, item in enumerate(cohort.subjects)}
     return sorted(problems, key=lambda problem: order[problem.subject])
+
+
+_Check = tuple[Subject, GroomSettings, Source | None, int]
+
+
+def _each_read(
+    executor: Executor | None, jobs: Mapping[str, _Check], tick: Tick
+) -> Iterator[tuple[str, Future[_Content]]]:
+    """Yield subjects as they are read; if a worker dies, single processes find the file that ends them."""
+    left = dict(jobs)
+    workers = nullcontext(executor) if executor else worker_processes(min(len(jobs), cores()))
+    with workers as used, suppress(BrokenExecutor):
+        for name, future in each_in_workers(used, _read, jobs, "checking", tick):
+            if isinstance(future.exception(), BrokenExecutor):
+                break
+            del left[name]
+            yield name, future
+    while left:
+        with worker_processes(1) as alone:
+            for name in tuple(left):
+                one = {name: left.pop(name)}
+                ((_, future),) = each_in_workers(alone, _read, one, "checking", part_of(tick, 1.0, 1.0))
+                yield name, future
+                if isinstance(future.exception(), BrokenExecutor):
+                    break
+
+
+def _read(job: _Check) -> _Content:
+    """Read and check a subject, in a worker; shapes of more than some bytes are not kept."""
+    subject, settings, given, most = job
+    source = read_source(subject, settings) if given is None else check_source(given, settings, subject.name)
+    if subject.landmarks is not None:
+        read_markups(subject.landmarks)
+    reading = Reading(content_key(source, settings)) if most else Reading("")
+    if isinstance(source, TriangleMesh):
+        kept = source.vertices.nbytes + source.faces.nbytes <= most
+        return _Content(replace(reading, source=source if kept else None))
+    packed = _Packed.of(source)
+    return _Content(
+        replace(reading, source=packed if packed.bits.nbytes <= most else None),
+        source.name.strip() if source.name and settings.segment is None else "",
+        is_pair(with_missing_slices(source)[0].mask),
+    )
 
 
 def _of_other_names(called: dict[str, str]) -> list[Problem]:
@@ -329,11 +383,6 @@ def _whole(groomed: GroomedSubject) -> GroomedSubject:
     return groomed
 
 
-def _source(subject: Subject, settings: GroomSettings, source: Source | None) -> Source:
-    """Return the checked shape of a subject, from memory or from its file."""
-    return read_source(subject, settings) if source is None else check_source(source, settings, subject.name)
-
-
 def _groomed(job: _Job) -> tuple[str, GroomedSubject | None]:
     """Groom a subject, in a worker, and return the key of its shape; no subject if it has the known key."""
     subject, settings, source, known = job
@@ -342,10 +391,6 @@ def _groomed(job: _Job) -> tuple[str, GroomedSubject | None]:
     source = read_source(subject, settings) if source is None else source
     key = content_key(source, settings)
     return key, None if key == known else groom(subject.name, source, settings)
-
-
-def _size(mesh: TriangleMesh) -> int:
-    return mesh.vertices.nbytes + mesh.faces.nbytes
 
 
 def _each_groomed(

@@ -35,6 +35,7 @@ from homolog.run.steps import prepare_inputs, run_optimization
 from homolog.run.table_cache import TableCache
 from homolog.settings import RunSettings
 from homolog.threads import cores
+from homolog.workers import worker_processes
 
 __all__ = ["Run"]
 
@@ -253,9 +254,14 @@ class Run:
     def _checked(self) -> Cohort:
         self._control.enter(Phase.READING, "reading")
         self._readings.clear()
-        problems = check_cohort(
-            self._cohort, self._settings.groom, self._control.tick, readings=self._readings
-        )
+        with worker_processes(self._settings.workers or cores()) as executor:
+            problems = check_cohort(
+                self._cohort,
+                self._settings.groom,
+                self._control.tick,
+                executor=executor,
+                readings=self._readings,
+            )
         self._excluded = {problem.subject: problem.message for problem in problems}
         if problems and not self._skip_bad:
             raise InputError(self.refusal)

@@ -1,3 +1,4 @@
+import os
 import shutil
 import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -13,6 +14,7 @@ from homolog.grooming import Reading, check_cohort, groom_cohort
 from homolog.io.images import Segmentation
 from homolog.io.meshes import read_mesh
 from homolog.settings import GroomSettings
+from homolog.surfaces.mesh import TriangleMesh
 
 SETTINGS = GroomSettings(mesh_edge=2.0)
 
@@ -198,6 +200,20 @@ def test_every_bad_file_is_listed_before_any_work(cohort, tmp_path, save):
     for problem, file in zip(problems, ("a.nrrd", "empty.nrrd", "open.obj", "text.stl"), strict=True):
         assert str(tmp_path / file) in problem.message
         assert "\n" not in problem.message
+
+
+class Mine(TriangleMesh):
+    """A surface that ends the process that unpacks it, as a reader of files may."""
+
+    def __reduce__(self):
+        return os._exit, (1,)
+
+
+def test_a_file_that_ends_the_process_that_reads_it_is_a_problem_of_its_own(cohort):
+    mesh = TriangleMesh(np.eye(3), np.array([[0, 1, 2]]))
+    (problem,) = check_cohort(cohort, SETTINGS, sources={"b": Mine(mesh.vertices, mesh.faces)})
+    assert problem.subject == "b"
+    assert "the process that read it ended" in problem.message
 
 
 def test_a_good_cohort_has_no_problem(cohort):
