@@ -12,7 +12,7 @@ from typing import Any
 import warp as wp
 
 from homolog.arrays import Array
-from homolog.errors import InputError
+from homolog.errors import InputError, is_out_of_memory
 from homolog.threads import cores
 
 __all__ = ["choose_device", "describe_device", "device_faults", "launch_on_cores", "shared"]
@@ -102,7 +102,7 @@ def device_faults(alias: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        full = isinstance(error, MemoryError) or any(phrase in str(error) for phrase in _FULL)
+        full = is_out_of_memory(error)
         # Warp raises these two, no class of its own: Exception if kernels can't be loaded
         from_warp = type(error) in (RuntimeError, Exception) and (full or alias != "cpu")
         if not from_warp and not isinstance(error, MemoryError):
@@ -116,10 +116,6 @@ def device_faults(alias: str) -> Iterator[None]:
         others = "those of the devices that work, or on cpu" if "," in alias else "the device cpu"
         elsewhere = "" if alias == "cpu" else f"; or resume on {others}"
         raise InputError(f"{alias}: {what} ({error}); saved data are kept: {remedy}{elsewhere}") from error
-
-
-_FULL = ("Failed to allocate", "out of memory")
-"""Messages of Warp and CUDA on full memory."""
 
 
 def launch_on_cores(kernel: Any, count: int, inputs: Sequence[Any]) -> None:  # noqa: ANN401

@@ -7,8 +7,19 @@ __all__ = [
     "InputError",
     "NumericalError",
     "WorkerDiedError",
+    "is_out_of_memory",
     "user_message",
 ]
+
+_NO_MEMORY = (
+    "Failed to allocate",
+    "out of memory",
+    "failed to map segment",
+    "Cannot allocate memory",
+    "bad_alloc",
+)
+"""Texts of Warp, CUDA, the loader of libraries, the C library and C++ where there is no memory."""
+_NO_THREAD, _NO_KERNEL = "can't start new thread", "kernel build failed"
 
 
 class HomologError(Exception):
@@ -41,10 +52,30 @@ class Cancelled(HomologError):
 def user_message(error: BaseException) -> str | None:
     """Return the message for the user, or None if the error is a defect of the program.
 
-    The user can fix system errors that name a file, such as missing permissions, and missing packages.
+    The user can fix system errors that name a file, such as missing permissions, missing packages, and too
+    little memory, too few threads, or kernels that can't be compiled.
     """
     if isinstance(error, InputError | NumericalError):
         return str(error)
+    if is_out_of_memory(error):
+        import psutil
+
+        used = psutil.Process().memory_info()
+        return (
+            f"too little memory ({error or 'an array'}), while the program takes {used.rss / 1e9:.2g} GB "
+            f"({used.vms / 1e9:.2g} GB of addresses); use fewer particles or coarser meshes, free memory, or "
+            "raise the limit (ulimit -v)"
+        )
+    if _NO_THREAD in str(error):
+        return (
+            "the system refuses another thread; end other programs, or raise the limits of processes and of "
+            "memory (ulimit -u, ulimit -v)"
+        )
+    if _NO_KERNEL in str(error):
+        return (
+            f"kernels can't be compiled ({error}); set WARP_CACHE_PATH to a folder with free space, and see "
+            "homolog doctor"
+        )
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}; check its permissions, or choose another location"
     if isinstance(error, ModuleNotFoundError) and error.name:
@@ -52,3 +83,8 @@ def user_message(error: BaseException) -> str | None:
         if not package.startswith("homolog"):
             return f"the Python package {package} is not installed; install it with: pip install {package}"
     return None
+
+
+def is_out_of_memory(error: BaseException) -> bool:
+    """Return whether memory ran out, by the exception's class or its text."""
+    return isinstance(error, MemoryError) or any(text in str(error) for text in _NO_MEMORY)

@@ -4,7 +4,8 @@ import ctypes
 import gc
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Protocol, TypeVar, overload
 
 import numpy as np
@@ -28,6 +29,16 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h
 _LARGE, _LARGEST, _RETAINED = 2**21, 2**25, 2**26
 """Least size of arrays that are mapped alone in a run, and glibc's largest value of it; free memory that is
 kept for smaller ones [bytes]."""
+
+_GROUPS = Path("/proc/self/cgroup")
+_GROUP_FILES = {
+    "": (Path("/sys/fs/cgroup"), "memory.max", "memory.current", "inactive_file"),
+    "memory": (
+        Path("/sys/fs/cgroup/memory"),
+        "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file",
+    ),
+}  # fmt: skip
+"""Of each version of control groups: its folder, limit and use of memory, and what the system can free."""
 
 _Item = TypeVar("_Item", bound=np.generic)
 _Any = TypeVar("_Any")
@@ -83,8 +94,32 @@ def resident_memory() -> int:
 
 
 def free_memory() -> int:
-    """Return the free memory of this machine [bytes]."""
-    return int(psutil.virtual_memory().available)
+    """Return the memory that this process can still take, of the machine and within its limits [bytes].
+
+    Limits are those of the process (``ulimit -v``) and, on Linux, of its control groups (containers, Slurm).
+    """
+    free = [psutil.virtual_memory().available, *_free_in_groups()]
+    if hasattr(psutil, "RLIMIT_AS"):
+        process = psutil.Process()
+        limit = process.rlimit(psutil.RLIMIT_AS)[0]
+        free += [limit - process.memory_info().vms] if limit != psutil.RLIM_INFINITY else []
+    return max(0, int(min(free)))
+
+
+def _free_in_groups() -> Iterator[int]:
+    """Yield what is free in each control group of the process that has a limit, of versions 1 and 2."""
+    if not _GROUPS.exists():  # not Linux
+        return
+    for line in _GROUPS.read_text().splitlines():
+        _, kinds, own = line.split(":", 2)
+        if kinds in _GROUP_FILES:
+            top, limit, use, cached = _GROUP_FILES[kinds]
+            inner = top / own.lstrip("/")
+            for folder in [inner, *inner.parents][: -len(top.parents)]:
+                with suppress(OSError, ValueError):  # hidden by a container, or without a limit ("max")
+                    most, used = (int((folder / name).read_text()) for name in (limit, use))
+                    words = (folder / "memory.stat").read_text().split()
+                    yield most - used + int(words[words.index(cached) + 1])
 
 
 @contextmanager

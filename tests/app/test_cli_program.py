@@ -47,13 +47,23 @@ def test_the_shell_completes_commands_and_options(line, expected, tmp_path):
     assert {word.strip() for word in answer.read_text().splitlines()} == expected
 
 
-def test_doctor_has_a_line_for_each_part_of_the_machine(capsys, monkeypatch):
-    monkeypatch.setattr(doctor, "_fault_of", lambda _: None)
+@pytest.fixture
+def probes(monkeypatch):
+    """Quick probes in place of those of this machine."""
+    for name in ("_QT", "_KERNELS", "_OPENGL"):
+        monkeypatch.setattr(doctor, name, "print('as usual')")
+
+
+@pytest.mark.usefixtures("probes")
+def test_doctor_has_a_line_for_each_part_of_the_machine(capsys):
     assert main(["doctor"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == ["cores", "memory", "GPU", "OpenGL", "Qt", "disk"]
+    parts = ["cores", "memory", "GPU", "kernels", "OpenGL", "Qt", "disk"]
+    assert [line.split()[0] for line in lines] == parts
+    assert "OpenGL  draws (as usual)" in lines
 
 
+@pytest.mark.usefixtures("probes")
 def test_doctor_names_the_remedy_of_a_library_that_does_not_load(capsys, monkeypatch):
     monkeypatch.setattr(doctor, "_QT", "raise ImportError('libEGL.so.1: cannot open shared object file')")
     monkeypatch.setattr(doctor, "_OPENGL", "import os; os.abort()")
@@ -62,3 +72,42 @@ def test_doctor_names_the_remedy_of_a_library_that_does_not_load(capsys, monkeyp
     assert "libEGL.so.1: cannot open" in said
     assert "apt install libegl1" in said
     assert "does not draw (the process ended with -6)" in said
+
+
+@pytest.mark.parametrize(
+    ("error", "expected"),
+    [
+        (
+            MemoryError("Unable to allocate 1.73 MiB"),
+            "too little memory (Unable to allocate 1.73 MiB), while",
+        ),
+        (
+            RuntimeError("Failed to allocate 809600 bytes on device 'cpu'"),
+            "809600 bytes on device 'cpu'), while",
+        ),
+        (
+            ImportError("vtk.so: failed to map segment from shared object"),
+            "too little memory (vtk.so: failed",
+        ),
+        (RuntimeError("can't start new thread"), "the system refuses another thread; end other programs"),
+        (Exception("CPU kernel build failed with error code -1"), "kernels can't be compiled (CPU kernel"),
+    ],
+)
+def test_what_the_machine_lacks_is_said_in_one_line(error, expected, capsys, monkeypatch):
+    def fails(_):
+        raise error
+
+    monkeypatch.setattr(doctor, "run_doctor", fails)
+    assert main(["doctor"]) == 2
+    said = capsys.readouterr().err
+    assert expected in said
+    assert said.count("\n") == 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of the address space are those of Linux")
+def test_free_memory_obeys_the_limit_of_the_process():
+    program = (
+        "import resource; from homolog.memory import free_memory; resource.setrlimit(resource.RLIMIT_AS, "
+        "(2 * 10**9, 2 * 10**9)); print(free_memory())"
+    )
+    assert 0 < int(run("-c", program).stdout) < 2e9

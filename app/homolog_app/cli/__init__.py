@@ -19,7 +19,7 @@ from types import ModuleType
 from typing import Any, NoReturn
 
 from homolog import __version__
-from homolog.errors import Cancelled, InputError, NumericalError, user_message
+from homolog.errors import Cancelled, NumericalError, user_message
 
 __all__ = ["CANCELLED", "INPUT_ERROR", "OK", "PROGRAM_ERROR", "command_parser", "main", "open_window"]
 
@@ -81,15 +81,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         with handling(signal.SIGTERM, signal.default_int_handler):  # clean up as for Ctrl-C
             return int(getattr(modules[arguments.command], f"run_{arguments.command}")(arguments))
-    except (InputError, NumericalError, OSError, ModuleNotFoundError) as error:
+    except (Cancelled, KeyboardInterrupt):
+        sys.stderr.write("cancelled\n")
+        return CANCELLED
+    except Exception as error:
         message = user_message(error)
         if message is None:
             raise
         _print_errors(message)
         return PROGRAM_ERROR if isinstance(error, NumericalError) else INPUT_ERROR
-    except (Cancelled, KeyboardInterrupt):
-        sys.stderr.write("cancelled\n")
-        return CANCELLED
 
 
 def open_window(paths: Sequence[str] | None = None) -> int:

@@ -1,6 +1,7 @@
 """What this machine offers, with the remedy for what is missing: ``homolog doctor``."""
 
 import argparse
+import os
 import shutil
 import subprocess
 import sys
@@ -13,13 +14,22 @@ __all__ = ["add_doctor", "run_doctor"]
 _GIB = 2**30
 _SECONDS = 60
 """Time after which a probe in its own process counts as hung."""
-_QT = "import PySide6.QtWidgets"
+_QT = """
+import ctypes, sys
+from PySide6 import QtWidgets
+from PySide6.QtCore import QLibraryInfo
+if sys.platform == "linux":  # the libraries of the display are loaded with the first window only
+    ctypes.CDLL(QLibraryInfo.path(QLibraryInfo.LibraryPath.PluginsPath) + "/platforms/libqxcb.so")
+"""
 _OPENGL = """
 import pyvista
 plotter = pyvista.Plotter(off_screen=True, window_size=(16, 16))
 plotter.add_mesh(pyvista.Sphere())
 plotter.screenshot()
+print(pyvista.GPUInfo().renderer)
 """
+_KERNELS = "from homolog.geodesics.cpu.solver import load_kernels; load_kernels()"
+_CACHE = "set WARP_CACHE_PATH to a folder with free space that you may write to"
 
 
 class Finding(NamedTuple):
@@ -34,14 +44,14 @@ def add_doctor(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     subparsers.add_parser(
         "doctor",
-        description="Show what this machine offers: cores, memory, GPU, OpenGL, Qt's libraries, disk. "
-        "A line each, with the remedy for what is missing. Exit code 2 if something is.",
+        description="Show what this machine offers: cores, memory, GPU, compiler of kernels, OpenGL, Qt's "
+        "libraries, disk. A line each, with the remedy for what is missing. Exit code 2 if something is.",
     )
 
 
 def run_doctor(_arguments: argparse.Namespace) -> int:
     """Print a line for each part of the machine; returns 2 if one has a remedy."""
-    findings = [examine() for examine in (_cores, _memory, _gpu, _opengl, _qt, _disk)]
+    findings = [examine() for examine in (_cores, _memory, _gpu, _kernels, _opengl, _qt, _disk)]
     for finding in findings:
         remedy = f"; {finding.remedy}" if finding.remedy else ""
         sys.stdout.write(f"{finding.name:<8}{finding.answer}{remedy}\n")
@@ -57,50 +67,60 @@ def _cores() -> Finding:
 def _memory() -> Finding:
     import psutil
 
-    memory = psutil.virtual_memory()
-    return Finding("memory", f"{memory.available / _GIB:.1f} of {memory.total / _GIB:.1f} GiB free")
+    from homolog.memory import free_memory
+
+    total = psutil.virtual_memory().total
+    return Finding("memory", f"{free_memory() / _GIB:.1f} of {total / _GIB:.1f} GiB free for this program")
 
 
 def _gpu() -> Finding:
-    from homolog.device import choose_device, describe_device
+    try:
+        from homolog.device import choose_device, describe_device
+    except OSError as error:  # Warp makes its folder of kernels
+        return Finding("GPU", f"not seen ({error})", _CACHE)
 
     device = choose_device()
-    return Finding(
-        "GPU", "none that CUDA sees; runs use the CPU" if device == "cpu" else describe_device(device)
-    )
+    if device != "cpu":
+        return Finding("GPU", describe_device(device))
+    if Path("/proc/driver/nvidia").exists() or shutil.which("nvidia-smi"):
+        remedy = "update the driver, and see that CUDA_VISIBLE_DEVICES does not hide it; runs use the CPU"
+        return Finding("GPU", "an NVIDIA driver is installed, but CUDA sees no GPU", remedy)
+    return Finding("GPU", "none from NVIDIA; runs use the CPU")
+
+
+def _kernels() -> Finding:
+    return _probed("kernels", _KERNELS, "compile", "do not compile", _CACHE)
 
 
 def _opengl() -> Finding:
-    fault = _fault_of(_OPENGL)
     remedy = "install OpenGL: apt install libgl1 libegl1, or start under xvfb-run"
-    return (
-        Finding("OpenGL", "works") if fault is None else Finding("OpenGL", f"does not draw ({fault})", remedy)
-    )
+    return _probed("OpenGL", _OPENGL, "draws", "does not draw", remedy)
 
 
 def _qt() -> Finding:
-    fault = _fault_of(_QT)
     remedy = "the window needs it: apt install libegl1 libxkbcommon-x11-0 libxcb-cursor0 libdbus-1-3"
-    return Finding("Qt", "loads") if fault is None else Finding("Qt", f"does not load ({fault})", remedy)
+    return _probed("Qt", _QT, "loads", "does not load", remedy)
 
 
 def _disk() -> Finding:
     """Return the free space in the current folder, where projects go, and in that of temporary files."""
-    free = [
-        (place, shutil.disk_usage(place).free / _GIB) for place in (Path.cwd(), Path(tempfile.gettempdir()))
-    ]
-    return Finding("disk", ", ".join(f"{space:.1f} GiB free in {place}" for place, space in free))
+    places = dict.fromkeys([Path.cwd(), Path(tempfile.gettempdir())])
+    free = ", ".join(f"{shutil.disk_usage(place).free / _GIB:.1f} GiB free in {place}" for place in places)
+    closed = [str(place) for place in places if not os.access(place, os.W_OK)]
+    return Finding("disk", free, f"you may not write to {' and '.join(closed)}" if closed else "")
 
 
-def _fault_of(program: str) -> str | None:
-    """Run a program in a process that may crash; returns its last line of errors, None if it works."""
+def _probed(name: str, program: str, works: str, fails: str, remedy: str) -> Finding:
+    """Return what a program that may crash finds, in a process of its own."""
     try:
         done = subprocess.run(
             [sys.executable, "-c", program], capture_output=True, text=True, timeout=_SECONDS, check=False
         )
     except subprocess.TimeoutExpired:
-        return f"no answer in {_SECONDS} s"
+        return Finding(name, f"{fails} (no answer in {_SECONDS} s)", remedy)
+    said = done.stdout.strip()
     if done.returncode == 0:
-        return None
+        return Finding(name, f"{works} ({said})" if said else works)
     lines = done.stderr.strip().splitlines()
-    return lines[-1] if lines and done.returncode > 0 else f"the process ended with {done.returncode}"
+    fault = lines[-1] if lines and done.returncode > 0 else f"the process ended with {done.returncode}"
+    return Finding(name, f"{fails} ({fault})", remedy)
