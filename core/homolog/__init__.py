@@ -5,7 +5,7 @@
     import homolog as hl
 
     result = hl.correspond("SEGMENTATIONS", n_particles=512)    # or meshes and label maps in memory
-    model = hl.ShapeModel.fit(result.aligned)                   # mean, components, explained_variance_ratio
+    model = hl.ShapeModel().fit(result.aligned)                 # mean_, components_, scores_
     larger = result.surface(model.instance([2.0]))              # +2 SD of the first mode, as a mesh
     form, shape = hl.compare_groups(result.aligned, groups)     # permutation tests, effects, maps
 

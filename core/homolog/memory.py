@@ -35,9 +35,11 @@ _GROUP_FILES = {
     "": (Path("/sys/fs/cgroup"), "memory.max", "memory.current", "inactive_file"),
     "memory": (
         Path("/sys/fs/cgroup/memory"),
-        "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file",
+        "memory.limit_in_bytes",
+        "memory.usage_in_bytes",
+        "total_inactive_file",
     ),
-}  # fmt: skip
+}
 """Of each version of control groups: its folder, limit and use of memory, and what the system can free."""
 
 _Item = TypeVar("_Item", bound=np.generic)

@@ -25,9 +25,9 @@ result = hl.correspond(
 )
 print(f"\n{result}")
 
-model = hl.ShapeModel.fit(result.aligned, names=result.names)
-print("share of the variance in each mode:", model.explained_variance_ratio.round(3))
-print("scores of the first mode [mm]:", dict(zip(result.names, model.scores[:, 0].round(2), strict=True)))
+model = hl.ShapeModel().fit(result.aligned, names=result.names)
+print("share of the variance in each mode:", model.explained_variance_ratio_.round(3))
+print("scores of the first mode [mm]:", dict(zip(result.names, model.scores_[:, 0].round(2), strict=True)))
 
 for deviations in (-2.0, 0.0, 2.0):  # of mode 1, whose sign means nothing
     surface = result.surface(model.instance([deviations]))

@@ -212,7 +212,7 @@ def test_values_at_vertices_are_those_of_the_statistics(export, project):
 
 def test_a_mode_goes_through_where_its_particles_go(export, project):
     _, folder, _ = export("meshes", "meshes", "--modes", "1", "--deviations", "3", "--progress", "none")
-    model = ShapeModel.fit(read_result(project).world)
+    model = ShapeModel().fit(read_result(project).world)
     mesh = read_mesh(folder / "mode_01_plus_3sd.vtp")
     np.testing.assert_allclose(mesh.vertices[::5], model.instance([3.0]), atol=1e-6)
 

@@ -56,7 +56,7 @@ def steps(size: int, particles: int, permutations: int) -> dict[str, Callable[[]
     drawn = {"permutations": permutations}
     return {
         "Procrustes alignment": lambda: align(shapes, scaling=False),
-        "shape model": lambda: ShapeModel.fit(shapes),
+        "shape model": lambda: ShapeModel().fit(shapes),
         "parallel analysis": lambda: parallel_analysis(shapes),
         "whole shape, given modes": lambda: mode_test(shapes, design, modes=MODES, **drawn),
         "particles": lambda: pointwise_test(shapes, design, members=tuple(members.values()), **drawn),

@@ -40,7 +40,7 @@ def main() -> None:
     two, allowed = group_design(groups, ["a", "b"]), group_design(groups, ["a", "b"], age)
     three = group_design(np.resize(["a", "b", "c"], 34).tolist(), ["a", "b", "c"])
     print("| 34 subjects x 1024 particles, 10 000 permutations | wall (s) | processor (s) |\n|---|---|---|")
-    timed("shape model", lambda: ShapeModel.fit(shapes))
+    timed("shape model", lambda: ShapeModel().fit(shapes))
     timed("parallel analysis, 200 data sets", lambda: parallel_analysis(shapes))
     timed("whole shape, two groups (with parallel analysis)", lambda: mode_test(shapes, two))
     timed("pointwise tests with largest statistic, two groups", lambda: pointwise_test(shapes, two))
@@ -54,7 +54,7 @@ def main() -> None:
     )
     if arguments.large:
         large = generator.normal(size=(5000, 1024, 3))
-        timed("shape model of 5000 subjects", lambda: ShapeModel.fit(large))
+        timed("shape model of 5000 subjects", lambda: ShapeModel().fit(large))
 
 
 if __name__ == "__main__":

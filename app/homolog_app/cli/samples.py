@@ -223,13 +223,13 @@ def _draw(out: Path, projects: dict[str, "ProjectFolder"], tick: Tick) -> None:
     for index, (name, project) in enumerate(projects.items()):
         draw_figures(project, part_of(tick, 0.4 * index, 0.4 * (index + 1)))
         result = read_result(project)
-        model = ShapeModel.fit(result.world)
+        model = ShapeModel().fit(result.world)
         moves = read_modes(project, result.mean_surface)[:_MODES]
-        scores = model.scores[:, :_MODES]
+        scores = model.scores_[:, :_MODES]
         reference = scores if reference is None else reference
         signs = np.where((scores * reference).sum(axis=0) < 0.0, -1.0, 1.0)  # a mode's sign is arbitrary
         models[f"{name} method"] = ModeSurfaces(
-            result.mean_surface, signs[:, None, None] * moves, model.explained_variance_ratio
+            result.mean_surface, signs[:, None, None] * moves, model.explained_variance_ratio_
         )
     tick(0.8, "drawing the comparison")
     with atomic_write(out / "comparison.png") as part:
@@ -340,7 +340,7 @@ def _figures_of(project: "ProjectFolder", beans: Sequence["Bean"], tick: Tick) -
     tick(0.4, "evaluating the shape model")
     shares = figures.mode_shares
     named = {name: getattr(figures, name) for name in figures.__dataclass_fields__ if name != "mode_shares"}
-    model = ShapeModel.fit(result.world)
+    model = ShapeModel().fit(result.world)
     return named | {
         "mode_1": shares[0],
         "mode_2": shares[1],

@@ -179,7 +179,7 @@ def write_meshes(
 
 def _model_surfaces(result: Result, settings: MeshSettings) -> Iterator[_Named]:
     yield _Named("mean", "mean shape", result.mean_surface, {})
-    count = len(ShapeModel.fit(result.world, names=result.names).explained_variance)
+    count = len(ShapeModel().fit(result.world, names=result.names).explained_variance_)
     modes = range(1, min(settings.modes, count) + 1)
     motions = mode_motions(result, modes, settings.deviations) if modes else []
     for number, motion in enumerate(motions, start=1):

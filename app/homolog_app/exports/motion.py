@@ -76,13 +76,13 @@ def mode_motions(result: Result, modes: Sequence[int], deviations: float) -> lis
     InputError
         If there is no such mode.
     """
-    model = ShapeModel.fit(result.world, names=result.names)
-    count = len(model.explained_variance)
+    model = ShapeModel().fit(result.world, names=result.names)
+    count = len(model.explained_variance_)
     for mode in modes:
         if not 1 <= mode <= count:
             raise InputError(f"mode {mode}: the result has {count} modes; choose one from 1 to {count}")
     chosen = np.array(modes) - 1
-    moves = _warp(result, (model.components * model.standard_deviations[:, None, None])[chosen])
+    moves = _warp(result, (model.components_ * model.standard_deviations_[:, None, None])[chosen])
     return [
         Motion(result.mean_surface, move, -deviations, deviations, _mode_text(model, mode, result))
         for mode, move in zip(chosen.tolist(), moves, strict=True)
@@ -91,7 +91,7 @@ def mode_motions(result: Result, modes: Sequence[int], deviations: float) -> lis
 
 def _mode_text(model: ShapeModel, mode: int, result: Result) -> Callable[[float], str]:
     aside = f", {result.mirrored} mirrored" if result.mirrored else ""
-    title = f"Mode {mode + 1} ({100.0 * model.explained_variance_ratio[mode]:.1f} % of variance{aside})"
+    title = f"Mode {mode + 1} ({100.0 * model.explained_variance_ratio_[mode]:.1f} % of variance{aside})"
     return lambda amount: f"{title}   {_signed(amount)} SD"
 
 

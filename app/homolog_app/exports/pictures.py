@@ -201,9 +201,9 @@ def draw_plot(
         return scree_figure(parallel_analysis(result.world), theme)
     if settings.kind is Plot.MODES:
         return _modes(result, settings.modes, theme)
-    model = ShapeModel.fit(result.world, names=result.names)
+    model = ShapeModel().fit(result.world, names=result.names)
     if settings.kind is Plot.SCORES:
-        _check_modes(settings, len(model.explained_variance))
+        _check_modes(settings, len(model.explained_variance_))
         axes = settings.horizontal - 1, settings.vertical - 1
         return scores_figure(model, column_of(result, colour_by), axes, theme)
     if len(result.names) < 3:
@@ -218,12 +218,12 @@ def _check_modes(settings: PlotSettings, count: int) -> None:
 
 
 def _modes(result: Result, most: int, theme: Theme) -> Figure:
-    model = ShapeModel.fit(result.world, names=result.names)
-    shown = range(min(most, len(model.explained_variance)))
+    model = ShapeModel().fit(result.world, names=result.names)
+    shown = range(min(most, len(model.explained_variance_)))
     moves = [
         mode_motion.displacement for mode_motion in mode_motions(result, [mode + 1 for mode in shown], 1.0)
     ]
-    surfaces = ModeSurfaces(result.mean_surface, np.stack(moves), model.explained_variance_ratio)
+    surfaces = ModeSurfaces(result.mean_surface, np.stack(moves), model.explained_variance_ratio_)
     return draw_modes({"": surfaces}, modes=shown, theme=theme)
 
 

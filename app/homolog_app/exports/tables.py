@@ -13,7 +13,7 @@ from homolog.comparison.answer import Answer
 from homolog.comparison.ask import ask
 from homolog.comparison.places import SurfaceCarrier, directions_of
 from homolog.comparison.question import Question
-from homolog.comparison.sample import Sample
+from homolog.comparison.sample import Sample, at_own_size
 from homolog.comparison.stored import Provenance, StoredAnswer, folder_of, is_primary, stored_answers
 from homolog.comparison.tables import data_digest
 from homolog.comparison.tables import write_tables as write_answer_tables
@@ -28,7 +28,7 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.statistics.assumptions import shape_outliers
 from homolog.statistics.cautions import p_text
 from homolog.statistics.parallel import parallel_analysis
-from homolog.statistics.procrustes import Alignment
+from homolog.statistics.procrustes import Alignment, rms_radii
 from homolog.statistics.shape_model import ShapeModel
 from homolog.statistics.welch import compare_measure
 from homolog.surfaces.mesh import TriangleMesh
@@ -103,7 +103,7 @@ def write_tables(
     """
     tick(0.0, "reading the result")
     result = read_result(project)
-    model = ShapeModel.fit(result.world, names=result.names)
+    model = ShapeModel().fit(result.world, names=result.names)
     _write_scores(folder / "scores.csv", result, model)
     tick(0.05, "parallel analysis")
     _write_modes(folder / "modes.csv", result, model)
@@ -156,8 +156,8 @@ def _columns(result: Result) -> list[str]:
 
 
 def _write_scores(path: Path, result: Result, model: ShapeModel) -> None:
-    modes = [f"mode_{number}_rms_mm" for number in range(1, len(model.explained_variance) + 1)]
-    rows = zip(result.names, result.groups, model.scores.tolist(), strict=True)
+    modes = [f"mode_{number}_rms_mm" for number in range(1, len(model.explained_variance_) + 1)]
+    rows = zip(result.names, result.groups, model.scores_.tolist(), strict=True)
     write_table(path, ["name", "group", *modes], ([name, group, *scores] for name, group, scores in rows))
 
 
@@ -172,10 +172,10 @@ def _write_modes(path: Path, result: Result, model: ShapeModel) -> None:
         "chance_eigenvalue_mm2",
         "above_chance",
     ]
-    shares, eigenvalues = model.explained_variance_ratio, len(model.mean) * model.explained_variance
+    shares, eigenvalues = model.explained_variance_ratio_, len(model.mean_) * model.explained_variance_
     rows = zip(
         eigenvalues.tolist(),
-        model.standard_deviations.tolist(),
+        model.standard_deviations_.tolist(),
         shares.tolist(),
         np.cumsum(shares).tolist(),
         parallel.threshold.tolist(),
@@ -195,13 +195,13 @@ def _write_subjects(
     record = project.read().result
     assert record is not None, "a result that was read has a record"
     far = set(shape_outliers(result.world).tolist())
-    apart = np.sqrt(np.square(result.world - model.mean).sum(axis=2).mean(axis=1))
-    own = _columns(result)
+    apart = np.sqrt(np.square(result.world - model.mean_).sum(axis=2).mean(axis=1))
+    own, sizes = _columns(result), rms_radii(at_own_size(result.world, result.alignments)).tolist()
     rows = []
     for index, subject in enumerate(record.subjects):
         tick(index / len(record.subjects), f"measuring {subject.name}")
         mesh = read_surface(project, subject)
-        measures = [mesh.volume, mesh.area, float(model.sizes[index]), float(apart[index]), int(index in far)]
+        measures = [mesh.volume, mesh.area, sizes[index], float(apart[index]), int(index in far)]
         rows.append([subject.name, subject.group, *(subject.columns.get(name) for name in own), *measures])
     measured = ["volume_mm3", "area_mm2", "size_mm", "distance_from_mean_mm", "outlier"]
     write_table(path, ["name", "group", *own, *measured], rows)
@@ -290,7 +290,7 @@ def measures_along(shape: ModelShape, mode: int, amounts: FloatArray, tick: Tick
     steps = [amount * np.eye(mode + 1)[mode] for amount in amounts]
     meshes = [TriangleMesh(shape.mean.vertices + shape.moved(at), shape.mean.faces) for at in steps]
     instances = np.stack([shape.model.instance(at) for at in steps])
-    return measure_meshes(meshes, distances_from_mean(instances, shape.model.mean, shape.mean), tick)
+    return measure_meshes(meshes, distances_from_mean(instances, shape.model.mean_, shape.mean), tick)
 
 
 def distances_from_mean(world: FloatArray, centre: FloatArray, mean: TriangleMesh) -> FloatArray:

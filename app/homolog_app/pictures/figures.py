@@ -381,7 +381,7 @@ def draw_figures(project: ProjectFolder, tick: Tick = no_tick) -> None:
     )
     tick(0.2, "pictures of the modes")
     moves = read_modes(project, result.mean_surface)
-    shares = ShapeModel.fit(result.world).explained_variance_ratio[: len(moves)]
+    shares = ShapeModel().fit(result.world).explained_variance_ratio_[: len(moves)]
     if len(moves):  # identical shapes have no modes
         modes = ModeSurfaces(result.mean_surface, moves, shares)
         _write(

@@ -91,7 +91,7 @@ def model_figures(
     parallel, record = parallel_analysis(result.world), project.read().result
     mirrored = f" {record.mirrored_text}." if record is not None and record.mirrored_text else ""
     yield ReportFigure("scree", scree_figure(parallel), _scree_caption(parallel, model), small=True)
-    if len(model.explained_variance) > 1:
+    if len(model.explained_variance_) > 1:
         yield ReportFigure(
             "scores",
             scores_figure(model, [group or "" for group in result.groups]),
@@ -100,9 +100,9 @@ def model_figures(
             small=True,
         )
     tick(0.2, "pictures of the modes")
-    shown = min(max(parallel.n_retained, 1), 3, len(model.explained_variance))
-    shares = model.explained_variance_ratio[:shown]
-    moves = carrier.moved(model.components[:shown] * model.standard_deviations[:shown, None, None])
+    shown = min(max(parallel.n_retained, 1), 3, len(model.explained_variance_))
+    shares = model.explained_variance_ratio_[:shown]
+    moves = carrier.moved(model.components_[:shown] * model.standard_deviations_[:shown, None, None])
     view = three_quarter_view(carrier.mesh.vertices, (moves**2).sum(axis=(0, 2)))
     yield ReportFigure(
         "modes",
@@ -186,10 +186,10 @@ def scores_figure(
 ) -> Figure:
     """Draw the subjects in the plane of two modes, each with its label's colour and marker."""
     colours = page_colours(theme)
-    shares = 100.0 * model.explained_variance_ratio
+    shares = 100.0 * model.explained_variance_ratio_
     names = [f"mode {mode + 1} ({shares[mode]:.0f} %), score (mm)" for mode in modes]
     figure = new_figure(4.2, 3.6, colours)
-    draw_scores(figure.subplots(), model.scores[:, list(modes)], labels, (names[0], names[1]), colours)
+    draw_scores(figure.subplots(), model.scores_[:, list(modes)], labels, (names[0], names[1]), colours)
     return figure
 
 
@@ -213,7 +213,7 @@ def quality_rows(result: Result, model: ShapeModel) -> list[tuple[int, float, fl
     """
     if len(result.world) < 3:
         return []
-    at = [item for item in _SPECIFICITY_AT if item <= len(model.explained_variance)]
+    at = [item for item in _SPECIFICITY_AT if item <= len(model.explained_variance_)]
     drawn = dict(zip(at, specificity(model, result.world, at, draws=_DRAWS).tolist(), strict=True))
     left_out = dict(enumerate(generalization(result.world).tolist(), start=1))
     return [
@@ -324,7 +324,7 @@ def scree_figure(parallel: ParallelAnalysis, theme: Theme = LIGHT) -> Figure:
 
 def _scree_caption(parallel: ParallelAnalysis, model: ShapeModel) -> str:
     count = parallel.n_retained
-    held = f"{100.0 * model.explained_variance_ratio[:count].sum():.0f} % of the variance"
+    held = f"{100.0 * model.explained_variance_ratio_[:count].sum():.0f} % of the variance"
     above = {
         0: "No mode is above chance.",
         1: f"The first mode is above chance and explains {held}.",

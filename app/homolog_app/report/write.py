@@ -110,7 +110,7 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     carrier = SurfaceCarrier.of(result, directions_of(details))
     studies, lost = _answered(project, result, record, carrier, part_of(tick, 0.0, 0.5))
     answers = [study.answer for study in studies]
-    model = ShapeModel.fit(result.world, names=result.names)
+    model = ShapeModel().fit(result.world, names=result.names)
     drawn = list(model_figures(project, result, model, carrier, part_of(tick, 0.5, 0.55), clip))
     tick(0.55, "surfaces of the subjects")
     meshes = _surfaces(project, record)
@@ -228,8 +228,8 @@ def _of_model(
         "apart": (area / record.particles) ** 0.5,
         "pose": pose_text(record),
         "modes": next((figure.caption for figure in drawn if figure.name == "modes"), "")
-        and f"The first {min(3, len(model.explained_variance))} modes have "
-        f"{100.0 * float(model.explained_variance_ratio[:3].sum()):.0f} % of the variance.",
+        and f"The first {min(3, len(model.explained_variance_))} modes have "
+        f"{100.0 * float(model.explained_variance_ratio_[:3].sum()):.0f} % of the variance.",
         "quality": "not known with so few subjects."
         if at is None or at[2] is None
         else f"{at[2]:.2g} mm with {at[0]} modes (quality.csv).",

@@ -201,10 +201,10 @@ def named_surface(
     if name in own:
         return own[name], shape.result.world[shape.result.names.index(name)]
     if name == MEAN:
-        return shape.mean, shape.model.mean
+        return shape.mean, shape.model.mean_
     of_group = [index for index, group in enumerate(groups) if f"{MEAN_OF}{group or ''}" == name]
     if of_group:
-        deviations = shape.model.scores[of_group].mean(axis=0) / shape.model.standard_deviations
+        deviations = shape.model.scores_[of_group].mean(axis=0) / shape.model.standard_deviations_
         vertices = shape.mean.vertices + shape.moved(deviations)
         return TriangleMesh(vertices, shape.mean.faces), shape.model.instance(deviations)
     if not Path(name).is_file():
@@ -320,7 +320,7 @@ def _strip(view: ModesView, models: _Models, look: DisplayOptions, mode: int) ->
         for step in _STEPS[view.count]:
             deviations = np.zeros(mode + 1)
             deviations[mode] = amount = step * view.reach
-            share = f"mode {mode + 1}: {100 * float(model.model.explained_variance_ratio[mode]):.1f} %"
+            share = f"mode {mode + 1}: {100 * float(model.model.explained_variance_ratio_[mode]):.1f} %"
             digits = 0 if amount == round(amount) else 1
             text = f"mode {mode + 1}: {signed(amount, digits)} SD" if step else f"mean ({share})"
             names = (model.title_among(models), text) if len(models) > 1 else (text, "")

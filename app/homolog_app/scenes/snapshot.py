@@ -54,7 +54,7 @@ def view_contents_of(project: ProjectFolder, wanted: Snapshot, tick: Tick) -> Vi
             return _groups(project, _needed(project, loaded), wanted, view, tick)
         case MeasureView() as view:
             models = _models(project, _needed(project, loaded), wanted, part_of(tick, 0.1, 0.8))
-            inside = max(view.particles) < len(models[0].model.mean) and view.mode < models[0].modes
+            inside = max(view.particles) < len(models[0].model.mean_) and view.mode < models[0].modes
             _check(inside, f"there is no mode {view.mode + 1}, or no such particle")
             named: dict[str, Content] = {}
             for name in {view.subject, view.beside or "", view.distance_from} & set(models[0].result.names):

@@ -165,12 +165,12 @@ def carried_answer(shape: ModelShape, result: Result, study: Answer, index: int,
     separation = pair.discriminant
     way = _slope(study, pair) if request.kind == "regression" else _between(request, pair)
     subjects = pair.subjects if request.kind != "pairs" else _paired(result, study)
-    fields = [pair.mean - shape.model.mean - way.share * way.effect, way.effect]
+    fields = [pair.mean - shape.model.mean_ - way.share * way.effect, way.effect]
     carried = shape.carried(np.array([*fields, *(separation.modes if separation is not None else ())]))
     start, ways = carried[0], carried[1]
     middle = start + np.float32(way.share) * ways
     normals = shape.normals(shape.mean.vertices.astype(np.float32) + middle)
-    nearest = nearest_particles(shape.mean, shape.model.mean)
+    nearest = nearest_particles(shape.mean, shape.model.mean_)
     outward = np.einsum("...vi,vi->...v", carried[1:], normals)
     difference = GroupMap(ways, outward[0], pair.p_fwe[nearest] <= LEVEL)
     discriminant = places = None

@@ -243,7 +243,7 @@ def write_from_memory(
     from homolog.statistics.shape_model import ShapeModel
 
     result, record = loaded.result, loaded.record
-    model = ShapeModel.fit(result.world, names=result.names)
+    model = ShapeModel().fit(result.world, names=result.names)
     meshes = [loaded.surfaces[name][0] for name in result.names]
     surface = surface_of_model(model, result.world, meshes, result.alignments, part_of(tick, 0.0, 0.5))
     own = Cohort(tuple(subject for subject in cohort.subjects if subject.name in result.names), cohort.folder)

@@ -116,9 +116,9 @@ class ModelShape:
     def distances_along(self, mode: int, amounts: FloatArray, pair: tuple[int, int]) -> FloatArray:
         """Return the distances (n,) [mm] of two particles at positions (n,) [SD] along a mode."""
         first, second = (
-            self.model.mean[particle]
+            self.model.mean_[particle]
             + amounts[:, None]
-            * (self.model.standard_deviations[mode] * self.model.components[mode, particle])
+            * (self.model.standard_deviations_[mode] * self.model.components_[mode, particle])
             for particle in pair
         )
         return np.asarray(np.linalg.norm(second - first, axis=1))
@@ -169,11 +169,11 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
     """
     import homolog_app.plots  # noqa: F401 - slow: imported by the thread that fits, not by the first plot
 
-    model = ShapeModel.fit(result.world, names=result.names)
+    model = ShapeModel().fit(result.world, names=result.names)
     parallel = parallel_analysis(result.world, tick=part_of(tick, 0.0, 0.6))
     tick(0.6, "mapping the modes to the mean surface")
     mesh = result.mean_surface
-    moves = _carried(result, model.components * model.standard_deviations[:, None, None])
+    moves = _carried(result, model.components_ * model.standard_deviations_[:, None, None])
     tick(0.9, "normals of the mean surface")
     corners = _corners(mesh.faces, len(mesh.vertices))
     faces = np.ascontiguousarray(mesh.faces.T, dtype=np.intp)
@@ -210,10 +210,15 @@ def facing(of: ModelShape, beside: ModelShape) -> ModelShape:
     mine, theirs = (list(indices) for indices in zip(*pairs, strict=True))
     signs = np.ones(of.modes)
     shared = min(of.modes, beside.modes)
-    products = of.model.scores[mine][:, :shared] * beside.model.scores[theirs][:, :shared]
+    products = of.model.scores_[mine][:, :shared] * beside.model.scores_[theirs][:, :shared]
     signs[:shared] = np.where(products.sum(axis=0) < 0.0, -1.0, 1.0)
-    model = replace(
-        of.model, components=of.model.components * signs[:, None, None], scores=of.model.scores * signs
+    before = of.model
+    model = ShapeModel.from_arrays(
+        before.mean_,
+        before.components_ * signs[:, None, None],
+        before.explained_variance_,
+        before.scores_ * signs,
+        before.explained_variance_ratio_,
     )
     return replace(of, model=model, moves=frozen(of.moves * signs[:, None], np.float32))
 

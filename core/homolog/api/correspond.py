@@ -147,7 +147,7 @@ class Correspondence(HasMeanShape):
     @property
     def _mean_shape(self) -> MeanShape:
         model, mean = self._modelled
-        return MeanShape(model.mean, TriangleMesh(mean.vertices, mean.faces), mean.smoothing)
+        return MeanShape(model.mean_, TriangleMesh(mean.vertices, mean.faces), mean.smoothing)
 
     def save(self, folder: str | PathLike[str]) -> Project:
         """Write a project folder, which the command line and the window open like one of their own.
@@ -256,7 +256,7 @@ def correspond(
 
     >>> import homolog as hl
     >>> result = hl.correspond({"a": mesh_a, "b": mesh_b, "c": mesh_c}, n_particles=512)  # doctest: +SKIP
-    >>> model = hl.ShapeModel.fit(result.aligned, names=result.names)  # doctest: +SKIP
+    >>> model = hl.ShapeModel().fit(result.aligned, names=result.names)  # doctest: +SKIP
     """
     chosen = run_settings(dict(settings), n_particles, device, workers)
     alias = choose_device(device)

@@ -4,8 +4,10 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 from homolog.arrays import ArrayLike, FloatArray
+from homolog.comparison.sample import at_own_size
 from homolog.errors import InputError
 from homolog.statistics.checks import finite_numbers
+from homolog.statistics.procrustes import rms_radii
 from homolog.statistics.reconstruction import warp_surface
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -35,9 +37,17 @@ class MeanShape:
 class HasMeanShape(ABC):
     """Base of objects with a mean shape, which gives the surface of any particles in the common frame."""
 
+    aligned: FloatArray
+    alignments: FloatArray
+
     @property
     @abstractmethod
     def _mean_shape(self) -> MeanShape: ...
+
+    @property
+    def sizes(self) -> FloatArray:
+        """Root mean square distance of each subject's particles from their centroid, unscaled [mm], (M,)."""
+        return rms_radii(at_own_size(self.aligned, self.alignments))
 
     def surface(self, particles: ArrayLike | None = None) -> TriangleMesh:
         """Return the surface of aligned particles: the mean surface, warped to them.

@@ -144,7 +144,7 @@ def _write(project: ProjectFolder, model: ForeignModel, tick: Tick) -> list[str]
     stems = file_stems([subject.name for subject in model.subjects])
     surfaces = surfaces_of(model.subjects, local, world, alignments, part_of(tick, 0.1, 0.6))
     cohort = _cohort(project, model, stems, surfaces)
-    shapes = ShapeModel.fit(np.array(world), names=[subject.name for subject in model.subjects])
+    shapes = ShapeModel().fit(np.array(world), names=[subject.name for subject in model.subjects])
     try:
         surface = _mean(shapes, np.array(world), surfaces, alignments, part_of(tick, 0.6, 0.7))
     except NumericalError as error:

@@ -35,7 +35,7 @@ def preliminary_result(inputs: OptimizationInput, frame: Frame, tick: Tick = no_
         If particles coincide, so that they define no warp of the surface.
     """
     world = frame.world.astype(np.float64)
-    model = ShapeModel.fit(world, names=[shape.name for shape in inputs.shapes])
+    model = ShapeModel().fit(world, names=[shape.name for shape in inputs.shapes])
     meshes = [shape.mesh for shape in inputs.shapes]
     surface = surface_of_model(model, world, meshes, frame.alignments, tick)
     subjects = inputs.cohort.subjects

@@ -137,7 +137,7 @@ def model_of(outcome: OptimizationOutcome, tick: Tick) -> tuple[ShapeModel, Mean
     shapes, world = outcome.inputs.shapes, outcome.world
     meshes = OnDemand(len(shapes), lambda index: shapes[index].mesh)
     with blas_threads(len(shapes)):
-        model = ShapeModel.fit(world, names=[shape.name for shape in shapes])
+        model = ShapeModel().fit(world, names=[shape.name for shape in shapes])
         return model, surface_of_model(model, world, meshes, outcome.alignments, tick)
 
 

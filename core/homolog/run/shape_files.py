@@ -53,9 +53,11 @@ def surface_of_model(
     NumericalError
         If particles coincide, so that they define no warp of the surface.
     """
-    nearest = medoid(world, model.mean)
+    nearest = medoid(world, model.mean_)
     mesh = meshes[nearest].placed(alignments[nearest])
-    return mean_surface(model.mean, world[nearest], mesh.vertices, mesh.faces, moves=_moves(model), tick=tick)
+    return mean_surface(
+        model.mean_, world[nearest], mesh.vertices, mesh.faces, moves=_moves(model), tick=tick
+    )
 
 
 def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:
@@ -70,13 +72,13 @@ def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:
     model : ShapeModel
         Shape model of the subjects.
     """
-    modes = [f"mode_{number}" for number in range(1, len(model.explained_variance) + 1)]
+    modes = [f"mode_{number}" for number in range(1, len(model.explained_variance_) + 1)]
     write_table(
         new.model / "scores.csv",
         ["name", "group", *(f"{mode}_rms_mm" for mode in modes)],
         (
             [subject.name, subject.group, *scores]
-            for subject, scores in zip(cohort.subjects, model.scores.tolist(), strict=True)
+            for subject, scores in zip(cohort.subjects, model.scores_.tolist(), strict=True)
         ),
     )
     write_table(
@@ -84,20 +86,20 @@ def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:
         ["mode", "eigenvalue_mm2", "standard_deviation_rms_mm", "share", "cumulative_share"],
         zip(
             range(1, len(modes) + 1),
-            (len(model.mean) * model.explained_variance).tolist(),
-            model.standard_deviations.tolist(),
-            model.explained_variance_ratio.tolist(),
-            np.cumsum(model.explained_variance_ratio).tolist(),
+            (len(model.mean_) * model.explained_variance_).tolist(),
+            model.standard_deviations_.tolist(),
+            model.explained_variance_ratio_.tolist(),
+            np.cumsum(model.explained_variance_ratio_).tolist(),
             strict=True,
         ),
     )
-    flat = model.components.reshape(len(modes), model.mean.size).T.tolist()
+    flat = model.components_.reshape(len(modes), model.mean_.size).T.tolist()
     write_table(
         new.model / "eigenvectors.csv",
         ["particle", "axis", *modes],
         ([row // 3, "xyz"[row % 3], *values] for row, values in enumerate(flat)),
     )
-    write_particles(new.model / "mean.particles", model.mean)
+    write_particles(new.model / "mean.particles", model.mean_)
 
 
 def write_surfaces(new: ProjectFolder, model: ShapeModel, surface: MeanSurface, tick: Tick) -> None:
@@ -119,7 +121,7 @@ def write_surfaces(new: ProjectFolder, model: ShapeModel, surface: MeanSurface, 
         write_smoothing(new, surface.smoothing)
     moves = surface.moved
     if moves is None:
-        moves = warp_surface(model.mean, surface.vertices, _moves(model), surface.smoothing)
+        moves = warp_surface(model.mean_, surface.vertices, _moves(model), surface.smoothing)
 
     def write(mode: int) -> None:
         for sign, side in ((-1.0, "minus"), (1.0, "plus")):
@@ -132,10 +134,10 @@ def write_surfaces(new: ProjectFolder, model: ShapeModel, surface: MeanSurface, 
 
 def _moves(model: ShapeModel) -> FloatArray:
     """Displacements of the particles along the displayed modes, (K, N, 3) [mm]."""
-    enough = int(np.searchsorted(np.cumsum(model.explained_variance_ratio), _SHOWN_SHARE)) + 1
+    enough = int(np.searchsorted(np.cumsum(model.explained_variance_ratio_), _SHOWN_SHARE)) + 1
     shown = min(max(enough, _LEAST_SHOWN), _MOST_SHOWN)
     moves: FloatArray = (
-        MODE_DEVIATIONS * model.standard_deviations[:shown, None, None] * model.components[:shown]
+        MODE_DEVIATIONS * model.standard_deviations_[:shown, None, None] * model.components_[:shown]
     )
     return moves
 

@@ -72,7 +72,12 @@ def finite_numbers(values: ArrayLike, what: str) -> FloatArray:
         If a value is not a finite number, or rows differ in length.
     """
     try:
-        numbers = np.asarray(values, dtype=np.float64)
+        given = np.asarray(values)
+        if given.dtype.kind == "c":
+            raise InputError(f"{what}: Complex data not supported; give real numbers")
+        numbers = given.astype(np.float64, copy=False)
+    except InputError:
+        raise
     except (TypeError, ValueError) as error:
         raise InputError(f"{what}: must be an array of numbers: {error}") from error
     if not np.isfinite(numbers).all():

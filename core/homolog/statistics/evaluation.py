@@ -32,7 +32,7 @@ _FLAT = 1e-10
 
 def compactness(model: ShapeModel) -> FloatArray:
     """Return the share of the total variance in the first k modes, for k = 1 … K."""
-    share: FloatArray = np.cumsum(model.explained_variance_ratio)
+    share: FloatArray = np.cumsum(model.explained_variance_ratio_)
     return share
 
 
@@ -115,12 +115,12 @@ def specificity(
         Mean distance to the nearest real shape [mm].
     """
     generator = np.random.default_rng(seed)
-    deviations = generator.standard_normal((draws, len(model.explained_variance)))
+    deviations = generator.standard_normal((draws, len(model.explained_variance_)))
     nearest = np.empty((len(modes), draws))
     for row, k in enumerate(modes):
-        if not 1 <= k <= len(model.explained_variance):
+        if not 1 <= k <= len(model.explained_variance_):
             raise InputError(
-                f"specificity of {k} modes: the model has only {len(model.explained_variance)}; use fewer"
+                f"specificity of {k} modes: the model has only {len(model.explained_variance_)}; use fewer"
             )
         for draw in range(draws):
             tick((row + draw / draws) / len(modes), "specificity")

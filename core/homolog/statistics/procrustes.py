@@ -7,7 +7,7 @@ import numpy as np
 from homolog.arrays import FloatArray
 from homolog.geometry import fit_rotation, rms_radius
 
-__all__ = ["Alignment", "align", "aligned", "rms_radii"]
+__all__ = ["Alignment", "align", "aligned", "rms_radii", "superimposed"]
 
 
 class Alignment(StrEnum):
@@ -83,6 +83,16 @@ def align(
             break
     aligned: FloatArray = shapes @ _rotations(target[None], place - middle)[0] + middle
     return aligned
+
+
+def superimposed(shapes: FloatArray, mean: FloatArray, size: float) -> FloatArray:
+    """Return shapes (..., N, 3) at one size, aligned to a mean (N, 3) as `align` does [mm]."""
+    flat = shapes.reshape(-1, *mean.shape)
+    centred = flat - flat.mean(axis=1, keepdims=True)
+    scaled = centred * (size / rms_radii(centred))[:, None, None]
+    middle = mean.mean(axis=0)
+    aligned: FloatArray = scaled @ _rotations(scaled, mean - middle) + middle
+    return aligned.reshape(shapes.shape)
 
 
 def _rotations(shapes: FloatArray, target: FloatArray) -> FloatArray:

@@ -124,7 +124,7 @@ def test_the_slider_goes_from_one_groups_mean_to_the_others(compare, bean_projec
         page.way.setValue(value)
         (shown,) = scene.shown
         mean = result.world[labels == group].mean(axis=0)
-        moved = answer.shape.mean.vertices + answer.shape.carried((mean - answer.shape.model.mean)[None])[0]
+        moved = answer.shape.mean.vertices + answer.shape.carried((mean - answer.shape.model.mean_)[None])[0]
         np.testing.assert_allclose(shown.groomed.vertices, moved, atol=0.01)
 
 

@@ -247,10 +247,10 @@ def test_the_means_of_two_groups_can_be_compared(page, window):
     choose(page.origin, "mean of small")
     (content,) = window.views.stage.scene.shown
     shape = page.fitted.shape
-    means = [shape.model.scores[rows].mean(axis=0) for rows in ([0, 1], [2, 3])]
+    means = [shape.model.scores_[rows].mean(axis=0) for rows in ([0, 1], [2, 3])]
     large, small = (
         TriangleMesh(
-            shape.mean.vertices + shape.moved(mean / shape.model.standard_deviations), shape.mean.faces
+            shape.mean.vertices + shape.moved(mean / shape.model.standard_deviations_), shape.mean.faces
         )
         for mean in means
     )

@@ -49,7 +49,7 @@ def test_the_first_mode_of_the_beans_moves_the_slot_and_the_second_changes_its_w
 def test_the_modes_follow_the_truth_of_the_beans(page):
     from homolog.beans.generate import draw_beans
 
-    beans, scores = draw_beans(10), page.fitted.shape.model.scores
+    beans, scores = draw_beans(10), page.fitted.shape.model.scores_
     position, width = (np.array([getattr(bean, name) for bean in beans]) for name in ("position", "width"))
     assert abs(np.corrcoef(scores[:, 0], position)[0, 1]) > 0.99
     assert abs(np.corrcoef(scores[:, 1], width)[0, 1]) > 0.9
@@ -172,7 +172,7 @@ def test_a_subject_is_shown_beside_its_reconstruction(page, scene, window):
     assert window.workspace.session.selection == ("bean_04",)
     model = page.fitted.shape
     index = model.result.names.index("bean_04")
-    scores = model.model.scores[index] / model.model.standard_deviations
+    scores = model.model.scores_[index] / model.model.standard_deviations_
     np.testing.assert_allclose(page.sliders.values, scores[: len(page.sliders.values)], atol=0.006)
     assert "mm from its particles" in built.note
 
@@ -214,7 +214,7 @@ def test_a_click_in_the_scatter_selects_the_subject_everywhere(page, window, pix
     from PySide6.QtTest import QTest
 
     scatter, model = page.charts.scatter, page.fitted.shape
-    scores = model.model.scores / model.model.standard_deviations
+    scores = model.model.scores_ / model.model.standard_deviations_
     at = pixel(scatter.canvas, scores[6, 0], scores[6, 1])
     QTest.mouseClick(scatter.canvas, Qt.MouseButton.LeftButton, pos=at)
     assert window.workspace.session.selection == (model.result.names[6],)
@@ -239,7 +239,7 @@ def test_a_click_on_the_label_of_an_axis_offers_the_modes(page, plots, qapp):
     menu.actions()[2].trigger()
     menu.close()
     shape = page.fitted.shape.model
-    np.testing.assert_allclose(scatter.points, (shape.scores / shape.standard_deviations)[:, [0, 2]])
+    np.testing.assert_allclose(scatter.points, (shape.scores_ / shape.standard_deviations_)[:, [0, 2]])
     assert page.chosen.axes == (0, 2)
 
 

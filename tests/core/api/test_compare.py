@@ -149,7 +149,7 @@ def test_regressions_are_those_of_the_analysis():
 
 
 def test_a_comparison_and_a_model_print_as_one_line(shapes):
-    for value in (hl.compare_groups(shapes, GROUPS, ("a", "c"), **FORM), hl.ShapeModel.fit(shapes)):
+    for value in (hl.compare_groups(shapes, GROUPS, ("a", "c"), **FORM), hl.ShapeModel().fit(shapes)):
         assert "\n" not in repr(value)
         assert len(repr(value)) < 150
 

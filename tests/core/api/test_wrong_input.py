@@ -11,7 +11,7 @@ TRIANGLE = [[0, 1, 2]]
 
 @pytest.fixture(scope="module")
 def model():
-    return hl.ShapeModel.fit(SHAPES)
+    return hl.ShapeModel().fit(SHAPES)
 
 
 @pytest.mark.parametrize(
@@ -51,12 +51,12 @@ def test_the_number_of_drawn_shapes_is_a_whole_number(model, count):
 
 
 def test_numpy_counts_shapes_too(model):
-    assert len(model.sample(np.int64(2), seed=0)) == 2
+    assert len(model.sample(np.int64(2), random_state=0)) == 2
 
 
 def test_names_are_one_for_each_subject():
     with pytest.raises(hl.InputError, match="names: 2 given for 8 subjects"):
-        hl.ShapeModel.fit(SHAPES, names=["a", "b"])
+        hl.ShapeModel().fit(SHAPES, names=["a", "b"])
 
 
 def test_groups_that_nobody_is_in_are_told_as_that():

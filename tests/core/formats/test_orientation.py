@@ -61,7 +61,7 @@ def model_of(paths):
         Shape(item.name, item.field, item.mesh, item.coarse_mesh, alignment)
         for item, alignment in zip(groomed, align(groomed, GROOM), strict=True)
     ]
-    return [item.mesh for item in groomed], ShapeModel.fit(optimize(shapes, OPTIMIZE).world)
+    return [item.mesh for item in groomed], ShapeModel().fit(optimize(shapes, OPTIMIZE).world)
 
 
 def distances(points, mesh, folder):
@@ -94,11 +94,13 @@ def test_the_way_a_volume_is_stored_does_not_change_the_shape_model(form, axial,
         assert gaps.mean() < mean
         assert gaps.max() < most
         assert mesh.volume == pytest.approx(original_mesh.volume, rel=change)
-    sign = np.sign(model.scores[:, 0] @ original.scores[:, 0])
-    assert sign * np.corrcoef(model.scores[:, 0], original.scores[:, 0])[0, 1] > 0.995
-    assert model.standard_deviations[0] == pytest.approx(original.standard_deviations[0], rel=0.12)
-    assert model.explained_variance_ratio[0] == pytest.approx(original.explained_variance_ratio[0], abs=share)
+    sign = np.sign(model.scores_[:, 0] @ original.scores_[:, 0])
+    assert sign * np.corrcoef(model.scores_[:, 0], original.scores_[:, 0])[0, 1] > 0.995
+    assert model.standard_deviations_[0] == pytest.approx(original.standard_deviations_[0], rel=0.12)
+    assert model.explained_variance_ratio_[0] == pytest.approx(
+        original.explained_variance_ratio_[0], abs=share
+    )
     for knob, own in ((-1, 0), (1, -1)):  # the first mode's ends look like the first and the last subject
-        extreme = original.scores[:, 0].argsort()[own]
-        shape = model.mean + sign * knob * abs(original.scores[extreme, 0]) * model.components[0]
+        extreme = original.scores_[:, 0].argsort()[own]
+        shape = model.mean_ + sign * knob * abs(original.scores_[extreme, 0]) * model.components_[0]
         assert distances(shape, original_meshes[extreme], tmp_path).mean() < mean + 0.15

@@ -78,6 +78,6 @@ def test_a_missing_surface_is_named(project):
 def test_the_mean_surface_is_the_one_that_the_run_made(project):
     inputs, result = read_inputs(project), read_result(project)
     meshes = [shape.mesh for shape in inputs.shapes]
-    mean = surface_of_model(ShapeModel.fit(result.world), result.world, meshes, result.alignments)
+    mean = surface_of_model(ShapeModel().fit(result.world), result.world, meshes, result.alignments)
     np.testing.assert_allclose(mean.vertices, result.mean_surface.vertices, atol=1e-4)
     np.testing.assert_allclose(mean.smoothing, result.smoothing)

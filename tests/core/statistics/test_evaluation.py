@@ -17,7 +17,7 @@ def test_compactness_is_the_cumulated_share_of_the_covariance_eigenvalues(ellips
     particles = ellipsoids(subjects=10, particles=8)
     values = np.linalg.eigvalsh(np.cov(particles.reshape(10, -1), rowvar=False))[::-1][:9]
     np.testing.assert_allclose(
-        compactness(ShapeModel.fit(particles)), np.cumsum(values) / values.sum(), rtol=1e-9
+        compactness(ShapeModel().fit(particles)), np.cumsum(values) / values.sum(), rtol=1e-9
     )
 
 
@@ -38,12 +38,12 @@ def test_generalization_is_the_mean_particle_distance_of_left_out_shapes(ellipso
 def test_specificity_draws_with_the_modes_own_standard_deviations(ellipsoids):
     # One mode, one real shape far from all others is never nearest: the distance has a closed form.
     particles = ellipsoids(subjects=40, noise=0.0)
-    model = ShapeModel.fit(particles)
+    model = ShapeModel().fit(particles)
     result = specificity(model, particles, [1], draws=4000, seed=1)[0]
-    places = model.scores[:, 0]
+    places = model.scores_[:, 0]
     generator = np.random.default_rng(7)
     drawn = generator.normal(scale=places.std(ddof=1), size=4000)
-    per_unit = np.linalg.norm(model.components[0], axis=1).mean()
+    per_unit = np.linalg.norm(model.components_[0], axis=1).mean()
     expected = np.abs(drawn[:, None] - places).min(axis=1).mean() * per_unit
     assert result == pytest.approx(expected, rel=0.12)
 
@@ -53,7 +53,7 @@ def test_generalization_of_two_subjects_and_specificity_of_too_many_modes_are_re
     with pytest.raises(InputError, match="needs three"):
         generalization(particles)
     with pytest.raises(InputError, match="the model has"):
-        specificity(ShapeModel.fit(particles), particles, [5])
+        specificity(ShapeModel().fit(particles), particles, [5])
 
 
 def test_the_leave_one_out_residual_is_the_distance_from_the_flat_through_the_others(ellipsoids):

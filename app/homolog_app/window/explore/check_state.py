@@ -102,7 +102,7 @@ class InspectionState(QObject):
             if not better:
                 return version
             places = after.located
-            model, last = ShapeModel.fit(places.world), part_of(tick, 0.8, 1.0)
+            model, last = ShapeModel().fit(places.world), part_of(tick, 0.8, 1.0)
             surface = surface_of_model(model, places.world, places.meshes, places.alignments, last)
             result = replace(
                 version.loaded.result,

@@ -612,7 +612,7 @@ class MeasurePage(ExplorePage):
         shape = self.fitted.shape
         if shape is not self._of:
             self._of, self._subjects, self._along, self._request = shape, None, {}, (None, -1)
-            mean = shape.model.mean if shape else np.zeros((1, 3))
+            mean = shape.model.mean_ if shape else np.zeros((1, 3))
             along = mean[:, np.ptp(mean, axis=0).argmax()]
             for box, value in zip(self.particles, (along.argmin(), along.argmax()), strict=True):
                 box.setRange(0, len(mean) - 1)

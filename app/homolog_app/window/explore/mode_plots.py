@@ -298,7 +298,7 @@ class ModePlots(QWidget):
         """Show the subjects' scores (M, K) [SD] in the two modes."""
         x, y = self.scatter.axes
         texts = [
-            f"mode {mode + 1} ({100 * shape.model.explained_variance_ratio[mode]:.1f} %), SD"
+            f"mode {mode + 1} ({100 * shape.model.explained_variance_ratio_[mode]:.1f} %), SD"
             for mode in (x, y)
         ]
         self.scatter.show_scores(scores[:, [x, y]], shape.result.names, groups, (texts[0], texts[1]))

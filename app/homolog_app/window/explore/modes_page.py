@@ -126,7 +126,7 @@ class ModeSliders(QWidget):
         if shape is None:
             return
         for mode in range(len(self.rows), min(count, shape.modes)):
-            rms, share = shape.model.standard_deviations[mode], shape.model.explained_variance_ratio[mode]
+            rms, share = shape.model.standard_deviations_[mode], shape.model.explained_variance_ratio_[mode]
             row = _Row(mode, float(rms), float(share), above=mode < shape.parallel.n_retained)
             row.slider.valueChanged.connect(lambda _, mode=mode: self._follow(mode))
             self._choice.addButton(row.name, mode)
@@ -352,7 +352,7 @@ class ModesPage(ExplorePage):
             return
         kept = shape.parallel.n_retained
         verb = "mode is" if kept == 1 else "modes are"
-        share = 100.0 * float(shape.model.explained_variance_ratio[:kept].sum())
+        share = 100.0 * float(shape.model.explained_variance_ratio_[:kept].sum())
         self.state.setText(f"{kept} {verb} retained by parallel analysis: {share:.1f} % of the variance.")
 
     def _update_preliminary_mark(self) -> None:
@@ -403,7 +403,7 @@ class ModesPage(ExplorePage):
     def _scores(self) -> FloatArray:
         shape = self._shape
         assert shape is not None
-        return np.asarray(shape.model.scores / shape.model.standard_deviations)
+        return np.asarray(shape.model.scores_ / shape.model.standard_deviations_)
 
     def _show_scores(self) -> None:
         shape = self._shape
