@@ -41,9 +41,14 @@ def test_the_version_names_the_commit_of_a_checkout(capsys):
 def test_the_shell_completes_commands_and_options(line, expected, tmp_path):
     answer = tmp_path / "answer"
     run(
-        "-m", "homolog", _ARGCOMPLETE="1", _ARGCOMPLETE_IFS="\n", COMP_LINE=line, COMP_POINT=str(len(line)),
+        "-m",
+        "homolog",
+        _ARGCOMPLETE="1",
+        _ARGCOMPLETE_IFS="\n",
+        COMP_LINE=line,
+        COMP_POINT=str(len(line)),
         _ARGCOMPLETE_STDOUT_FILENAME=str(answer),
-    )  # fmt: skip
+    )
     assert {word.strip() for word in answer.read_text().splitlines()} == expected
 
 

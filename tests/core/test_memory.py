@@ -34,12 +34,16 @@ def test_free_memory_obeys_the_limit_of_a_container(tmp_path, monkeypatch):
     own = tmp_path / "slurm" / "job_7"
     own.mkdir(parents=True)
     for name, text in {
-        "memory.max": "max", "memory.current": "0", "memory.stat": "anon 9\ninactive_file 0",
-    }.items():  # fmt: skip
+        "memory.max": "max",
+        "memory.current": "0",
+        "memory.stat": "anon 9\ninactive_file 0",
+    }.items():
         (own / name).write_text(text)
     for name, text in {
-        "memory.max": "3000", "memory.current": "1800", "memory.stat": "anon 1000\ninactive_file 500",
-    }.items():  # fmt: skip
+        "memory.max": "3000",
+        "memory.current": "1800",
+        "memory.stat": "anon 1000\ninactive_file 500",
+    }.items():
         (own.parent / name).write_text(text)
     (tmp_path / "own").write_text("3:cpuset:/\n0::/slurm/job_7\n")
     monkeypatch.setattr("homolog.memory._GROUPS", tmp_path / "own")
