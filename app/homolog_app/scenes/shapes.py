@@ -389,7 +389,7 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
     first = answers[0]
     limit = max(answer.limit for answer in answers)
     factor = arrow_factor(first.shape, limit) if view.arrows else 0.0
-    of = "" if first.values is None else f"{first.study.question.column} "
+    of = "" if first.values is None else f"{first.pair.title} "
     kind = "Difference" if view.from_middle else "Outward difference"
     ends = [shortened(name, _NAME) for name in (first.first, first.second)]
     parts = [f"{kind} from {of}{ends[0]} to {ends[1]}"]
@@ -450,7 +450,7 @@ def _mapped(
     place = answer.at(view.way)
     slope = answer.values is not None
     ends = [shortened(name, _NAME) for name in (answer.second, answer.first)]
-    name = f"Effect of {answer.study.question.column}" if slope else f"{ends[0]} − {ends[1]}: {what}"
+    name = f"Effect of {answer.pair.title}" if slope else f"{ends[0]} − {ends[1]}: {what}"
     return model_content(
         shape,
         title or name,

@@ -9,6 +9,7 @@ import numpy as np
 from homolog.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from homolog.comparison.answer import Answer, members_of_pairs
 from homolog.comparison.ask import ask
+from homolog.comparison.formula import FormulaAnswer
 from homolog.comparison.question import Question
 from homolog.comparison.sample import Sample, category_of
 from homolog.errors import InputError
@@ -85,7 +86,7 @@ class GroupAnswer:
     values : (m,) array or None
         Values of the number, for a regression.
     groups : tuple of str
-        Groups of these subjects in the current table.
+        Compared groups of these subjects, for a number their groups in the current table.
     limit : float
         End of the colour scale that fits both maps [mm].
     subjects : (m,) int array
@@ -110,17 +111,18 @@ class GroupAnswer:
     @property
     def ends(self) -> tuple[str, str]:
         """Labels of both ends of the morph."""
+        if self.study.question.kind == "formula" and self.values is None:
+            return self.first, self.second
         if self.values is None:
             return f"mean of {self.first}", f"mean of {self.second}"
-        column = self.study.question.column
-        return f"{column} {self.first}", f"{column} {self.second}"
+        return f"{self.pair.title} {self.first}", f"{self.pair.title} {self.second}"
 
     def at(self, way: float) -> str:
         """Return the label of a position on the morph, 0 at the first and 1 at the second."""
         if self.values is None:
             return f"{self.first} to {self.second} at {100 * way:.0f} %"
         low, high = float(self.values.min()), float(self.values.max())
-        return f"{self.study.question.column} {short(low + way * (high - low))}"
+        return f"{self.pair.title} {short(low + way * (high - low))}"
 
 
 def answer_groups(
@@ -158,12 +160,15 @@ def carried_answer(shape: ModelShape, result: Result, study: Answer, index: int,
         If the study has no such pair.
     """
     tick(0.0, "mapping the difference to the surface")
-    pairs, request = study.pairwise or (study.overall,), study.question
+    pairs, request = study.between_two, study.question
     if index >= len(pairs):
         raise InputError(f"there is no pair {index} of groups; there are {len(pairs)}")
     pair = pairs[index]
     separation = pair.discriminant
-    way = _slope(study, pair) if request.kind == "regression" else _between(request, pair)
+    if isinstance(study, FormulaAnswer):
+        way = _of_term(study, index)
+    else:
+        way = _slope(study, pair) if request.kind == "regression" else _between(request, pair)
     subjects = pair.subjects if request.kind != "pairs" else _paired(result, study)
     fields = [pair.mean - shape.model.mean_ - way.share * way.effect, way.effect]
     carried = shape.carried(np.array([*fields, *(separation.modes if separation is not None else ())]))
@@ -180,7 +185,7 @@ def carried_answer(shape: ModelShape, result: Result, study: Answer, index: int,
         firm = ((low > 0) | (high < 0)) & (pair.p_adjusted <= LEVEL)
         discriminant = GroupMap(along, separation.weights.astype(np.float32) @ outward[1:], firm)
         places = separation.cross_validated
-    elif request.kind != "groups":
+    elif way.labels or way.values is not None or request.kind == "pairs":
         places = _along(result, request, pair, subjects, way.effect)
         places = places - places.mean() if way.values is None else places
     maps = [item.outward for item in (difference, discriminant) if item is not None]
@@ -196,7 +201,7 @@ def carried_answer(shape: ModelShape, result: Result, study: Answer, index: int,
         places,
         max(common_limit([np.asarray(values, np.float64)]) for values in maps),
         way.values,
-        tuple(result.groups[subject] or "" for subject in subjects),
+        way.labels or _labels(result, study, subjects),
         subjects,
     )
 
@@ -210,6 +215,26 @@ class _MorphPath:
     effect: FloatArray
     share: float
     values: FloatArray | None = None
+    labels: tuple[str, ...] = ()
+
+
+def _of_term(study: FormulaAnswer, index: int) -> _MorphPath:
+    """Return the path of a term: between two levels, along a number, or from no interaction to that found.
+
+    Of a category with more levels it is the difference of the first two, and the significance of all.
+    """
+    pair, design, factors = study.terms[index], study.design, study.design.terms[index].factors
+    along = [design.numbers[name] for name in factors if name in design.numbers]
+    effect = pair.pointwise.effect[0] * float(np.prod([np.ptp(values) for values in along]))
+    if len(factors) > 1:
+        return _MorphPath("sum of effects", "with interaction", effect, 0.5)
+    if along:
+        low, high = float(along[0].min()), float(along[0].max())
+        share = float((along[0].mean() - low) / (high - low))
+        return _MorphPath(short(low), short(high), effect, share, along[0])
+    first, second, *others = design.levels[factors[0]]
+    labels = () if others else design.labels(factors[0])
+    return _MorphPath(first, second, effect, 0.5, labels=labels)
 
 
 def _between(request: Question, pair: Comparison) -> _MorphPath:
@@ -220,6 +245,12 @@ def _between(request: Question, pair: Comparison) -> _MorphPath:
     return _MorphPath(
         first, second, pair.pointwise.effect[0], pair.counts[second] / sum(pair.counts.values())
     )
+
+
+def _labels(result: Result, study: Answer, subjects: IntArray) -> tuple[str, ...]:
+    """Return the compared groups of subjects, or those of the current table."""
+    own = study.labels if study.question.between else [group or "" for group in result.groups]
+    return tuple(own[subject] for subject in subjects)
 
 
 def _slope(study: Answer, pair: Comparison) -> _MorphPath:
@@ -304,8 +335,9 @@ def question_of(requests: Sequence[Question], result: Result, cohort: Study) -> 
     present = with_current_table(result, cohort)
     known = dict.fromkeys(name for columns in present.columns for name in columns)
     used = [request.column for request in requests]
-    used += [category_of(name, known)[0] for request in requests for name in request.covariates]
-    used += [request.pairs for request in requests if request.pairs]
+    used += [category_of(name, known)[0] for request in requests for name in request.named_columns]
+    for request in requests:
+        used += [name for name in (request.pairs, request.subject, request.strata) if name]
     cells = tuple(
         tuple(group or "" for group in present.groups)
         if column == "group"

@@ -8,6 +8,7 @@ import numpy as np
 from homolog.cohort.column_types import CATEGORY
 from homolog.comparison.answer import Answer
 from homolog.comparison.findings import effect_text, share_of_surface
+from homolog.comparison.formula import FormulaAnswer
 from homolog.comparison.question import ALIGNED, Question
 from homolog.comparison.sample import SHAPE_SIZE, SIZE
 from homolog.errors import InputError
@@ -31,6 +32,8 @@ __all__ = [
     "pairings_of",
     "question_text",
     "size_name",
+    "strata_of",
+    "subjects_of",
     "values_of",
 ]
 
@@ -130,6 +133,22 @@ def pairings_of(study: Study, column: str, between: tuple[str, str]) -> list[str
     return offered
 
 
+def subjects_of(study: Study) -> list[str]:
+    """Return the columns that may name subjects of repeated measures: more values than rows of one value."""
+    counts = {name: Counter(_cells(study, name)) for name in study.columns}
+    return [
+        name for name, own in counts.items() if "" not in own and 1 < max(own.values(), default=0) < len(own)
+    ]
+
+
+def strata_of(study: Study) -> list[str]:
+    """Return the columns that may be strata: each value stands in two rows or more."""
+    counts = {name: Counter(_cells(study, name)) for name in study.columns}
+    return [
+        name for name, own in counts.items() if "" not in own and len(own) > 1 and min(own.values()) >= _LEAST
+    ]
+
+
 def _are_codes(cells: list[str]) -> bool:
     try:
         values = numbers([cell for cell in cells if cell])
@@ -165,6 +184,8 @@ def question_text(request: Question) -> str:
     parts = [f"{how[0].upper()}{how[1:]}"]
     parts += [f"paired by {request.pairs}"] if request.pairs else []
     parts += [f"adjusted for {', '.join(request.covariates)}"] if request.covariates else []
+    parts += [f"repeated within {request.subject}"] if request.subject else []
+    parts += [f"within {request.strata}"] if request.strata else []
     parts += ["subjects with missing values excluded"] if request.complete_cases else []
     return f"{', '.join(parts)}."
 
@@ -190,6 +211,10 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     if slope:
         most = float(np.linalg.norm(answer.difference.ways, axis=1).max())
         rows.append(("Change", f"up to {short(most)} mm from {answer.first} to {answer.second}"))
+    if isinstance(study, FormulaAnswer):
+        row = study.coordinates[study.terms.index(pair) - len(study.terms) - 2]
+        rows.append(("Degrees of freedom, sum of squares", f"{row.dof}, {row.squares:.4g} mm²"))
+        rows.append(("R², F, Z", f"{row.r_squared:.3f}, {row.f or 0.0:.2f}, {row.z or 0.0:.2f}"))
     if study.question.covariates:
         rows.append(("Adjusted for", ", ".join(study.question.covariates)))
     rows += [*_classification_rows(answer), *_size_rows(answer)]
@@ -199,7 +224,8 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
 def _subject_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     study, slope = answer.study, answer.values is not None
     counts = answer.pair.counts.items()
-    rows = [("Subjects", ", ".join(f"{count}{'' if slope else f' {name}'}" for name, count in counts))]
+    is_one = slope or study.question.kind == "formula"
+    rows = [("Subjects", ", ".join(f"{count}{'' if is_one else f' {name}'}" for name, count in counts))]
     if study.left_out and study.question.complete_cases:
         incomplete = sum(why.startswith("no value") for why in study.left_out.values())
         alone = sum(why == PARTNER_MISSING for why in study.left_out.values())
@@ -252,14 +278,14 @@ def _classification_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
 
 
 def _size_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
-    pair, question, rows = answer.pair, answer.study.question, list[tuple[str, str]]()
+    pair, rows = answer.pair, list[tuple[str, str]]()
     overall, between = answer.study.overall.size, answer.study.overall.size_variance
     if overall is not None and overall.p is not None and between is not None:
         p, share = p_text(overall.p, overall.permutations), between.omega_squared
         f = f"F({between.dof[0]:g}, {between.dof[1]:.3g}) = {between.f:.2f}"
         rows.append(("Size of all groups", f"{f}, ω² = {effect_text(share, ci='90 % CI ')}, {p}"))
     if pair.size is not None and pair.size_p_adjusted is not None:
-        unit = f" mm per unit of {question.column}" if question.kind == "regression" else " mm"
+        unit = f" mm per unit of {pair.title}" if answer.values is not None else " mm"
         p = p_text(pair.size_p_adjusted, pair.size.permutations)
         rows.append(("Size", f"{effect_text(pair.size, unit, ci='95 % CI ', sign=True)}, {p}"))
     return rows

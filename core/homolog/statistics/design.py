@@ -27,6 +27,7 @@ __all__ = [
     "Term",
     "adjusted_design",
     "covariate_columns",
+    "formula_text",
     "group_design",
     "indicators",
     "is_missing",
@@ -334,7 +335,7 @@ class Design:
     ) -> None:
         self.levels, self.numbers, self.units, self.strata = levels, values, units, strata
         self._codes, self._factors = codes, tuple(sorted(factors, key=len))
-        self.formula = "~ " + " + ".join(":".join(item) for item in self._factors)
+        self.formula = formula_text(self._factors)
 
     @cached_property
     def terms(self) -> tuple[Term, ...]:
@@ -348,6 +349,10 @@ class Design:
     def rows(self) -> int:
         """Number of rows M."""
         return len(self.units)
+
+    def labels(self, factor: str) -> tuple[str, ...]:
+        """Return the level of each row in a category."""
+        return tuple(self._levels(factor)[code] for code in self._codes[factor])
 
     @property
     def matrix(self) -> FloatArray:
@@ -766,9 +771,14 @@ def shorthand(tested: str, covariates: Sequence[str] = (), *, interaction: bool 
     interaction : bool
         Whether the first covariate interacts with the tested column.
     """
-    quoted = [name if name.isidentifier() else f"`{name}`" for name in (*covariates, tested)]
-    joined = " + ".join(quoted)
-    return f"~ {joined} + {quoted[0]}:{quoted[-1]}" if interaction else f"~ {joined}"
+    names = (*covariates, tested)
+    return formula_text([*((name,) for name in names), *([(names[0], tested)] if interaction else [])])
+
+
+def formula_text(terms: Sequence[Sequence[str]]) -> str:
+    """Return the formula of terms, the columns of each."""
+    quoted = [[name if name.isidentifier() else f"`{name}`" for name in term] for term in terms]
+    return "~ " + " + ".join(":".join(term) for term in quoted)
 
 
 _BY_CHANCE = 0.001

@@ -205,16 +205,29 @@ def unit_parts(values: FloatArray, hypothesis: Hypothesis, members: Sequence[Boo
 def degrees(squares: FloatArray, hypothesis: Hypothesis, members: Sequence[BoolArray] = ()) -> FloatArray:
     """Return the degrees of freedom (N,) of the sum over units of squares (K, N).
 
-    Those of Welch (1947) for groups without covariates, otherwise units less columns.
+    Those of Welch (1947) for groups without covariates, for units of several rows those of Bell and McCaffrey
+    (2002), otherwise units less columns.
     """
     columns = hypothesis.nuisance.shape[1] + hypothesis.tested.shape[1]
     most = float(max(hypothesis.n_units - columns, 1))
+    if hypothesis.n_units < len(hypothesis.units):
+        most = _cluster_degrees(hypothesis)
     if not members:
         return np.full(squares.shape[1], most)
     spread = sum(np.square(squares[own].sum(axis=0)) / (np.count_nonzero(own) - 1.0) for own in members)
     whole = np.square(squares.sum(axis=0))
     dof: FloatArray = np.clip(whole / np.maximum(spread, np.finfo(float).tiny), 1.0, most)
     return dof
+
+
+def _cluster_degrees(hypothesis: Hypothesis) -> float:
+    """Return the degrees of freedom of the variance that units show, if rows are independent."""
+    columns = np.hstack([hypothesis.tested, hypothesis.nuisance])
+    adjusted = adjusted_columns(hypothesis, hc4=True)[:, :1]
+    parts = adjusted * (hypothesis.units[:, None] == np.arange(hypothesis.n_units))
+    parts -= columns @ (columns.T @ parts)
+    products = parts.T @ parts
+    return max(float(np.trace(products) ** 2 / np.square(products).sum()), 1.0)
 
 
 def effect_bounds(

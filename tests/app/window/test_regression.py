@@ -41,7 +41,13 @@ def compared(page, window, wait, column):
 
 def test_numbers_are_offered_as_numbers_and_groups_as_groups(page):
     offered = [page.form.column.itemText(index) for index in range(page.form.column.count())]
-    assert offered == ["group", "scanner", "slot (as a number)", "size (as a number)"]
+    assert offered == [
+        "group",
+        "scanner",
+        "slot (as a number)",
+        "size (as a number)",
+        "Several columns (formula)",
+    ]
     page.form.column.setCurrentIndex(2)
     page.form.column.activated.emit(2)
     assert page.go.text() == "Test the effect"

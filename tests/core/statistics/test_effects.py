@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from homolog.statistics.design import group_design, regression_design
+from homolog.statistics.design import group_design, make_design, regression_design
 from homolog.statistics.effects import (
     corrected_distance,
+    degrees,
     distance_of_several,
     effect_bounds,
     explained_variance,
@@ -134,3 +135,19 @@ def test_the_standardized_size_is_hedges_g_and_its_interval_covers_the_truth():
     assert 0.9 <= np.mean([each.low <= 1.5 <= each.high for each in result]) <= 0.99
     assert np.mean([each.value for each in result]) == pytest.approx(1.5, abs=0.1)
     assert standardized_size(np.repeat([0.0, 1.0], [9, 12]), design) is None
+
+
+def test_intervals_of_repeated_measures_have_the_degrees_of_freedom_of_their_subjects():
+    generator = np.random.default_rng(3)
+    table = {"time": np.tile([0.0, 1.0, 2.0], 15).tolist(), "group": np.repeat(list("aabbb") * 3, 3).tolist()}
+    subject = np.repeat(np.arange(15), 3).astype(str).tolist()
+    design = make_design("~ group + time", table, subject=subject)
+    inside = []
+    for _ in range(400):
+        values = np.repeat(generator.normal(size=15), 3) + 0.3 * generator.normal(size=45)
+        _, low, high = effect_bounds(values[:, None], design.hypothesis("group"))
+        inside.append(low[0] <= 0.0 <= high[0])
+    assert 0.92 <= np.mean(inside) <= 0.98
+    squares = np.ones((15, 1))
+    assert degrees(squares, design.hypothesis("time"))[0] == pytest.approx(14.0, abs=0.1)
+    assert degrees(squares, design.hypothesis("group"))[0] < 13.0

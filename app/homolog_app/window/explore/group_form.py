@@ -17,6 +17,7 @@ from homolog_app.studies.questions import (
     size_name,
     values_of,
 )
+from homolog_app.window.explore.formula_builder import FormulaBuilder
 from homolog_app.window.form import SettingsPair
 from homolog_app.window.session import Session
 from homolog_app.window.widgets import GRID, button, choice, label
@@ -35,6 +36,7 @@ _ALIGNMENTS = {
 }
 _BOTH = (Alignment.SIMILARITY, Alignment.RIGID)
 _NUMBER, _AS_NUMBER = "number", " (as a number)"
+_FORMULA, _SEVERAL = "formula", "Several columns (formula)"
 
 
 class GroupForm(QWidget):
@@ -74,6 +76,7 @@ class GroupForm(QWidget):
         )
         self.complete = QCheckBox("Complete cases: exclude subjects with missing values")
         self.complete.setToolTip("Exclude subjects with missing values in the columns used, and count them")
+        self.builder = FormulaBuilder(session)
         self.slope = label("Does shape change with this number? (linear regression)", "Hint", wrap=True)
         self.adjust = button("")
         self.adjust.setAccessibleName("Covariates adjusted for")
@@ -88,6 +91,7 @@ class GroupForm(QWidget):
         self.tests.edited.connect(self._set)
         self.tests.marked.connect(self.edited)
         self.column.activated.connect(lambda _: self._offer_values())
+        self.builder.edited.connect(self.edited)
         for box in (self.first, self.second, self.pairing):
             box.activated.connect(lambda _: self._offer_pairings())
         for box in (self.column, self.first, self.second, self.pairing, self.alignment):
@@ -114,6 +118,7 @@ class GroupForm(QWidget):
         grid.addWidget(self.swap, 1, 4)
         for row, widget in enumerate(
             (
+                self.builder,
                 self.slope,
                 self.pairing,
                 self.adjust,
@@ -132,6 +137,8 @@ class GroupForm(QWidget):
     @property
     def is_possible(self) -> bool:
         """Whether a number or two different groups are chosen, and all settings are valid."""
+        if self.is_formula:
+            return not self.tests.problem and bool(self.builder.formula)
         return not self.tests.problem and (
             self.is_regression
             or (self.first.count() > 1 and self.first.currentText() != self.second.currentText())
@@ -143,6 +150,11 @@ class GroupForm(QWidget):
         return bool(self.column.count()) and self.column.currentData()[1] == _NUMBER
 
     @property
+    def is_formula(self) -> bool:
+        """Whether several columns are asked for."""
+        return bool(self.column.count()) and self.column.currentData()[1] == _FORMULA
+
+    @property
     def seeds(self) -> int:
         """Number of seeds of the correspondence in all."""
         return self._settings.seeds or _SEEDS
@@ -150,7 +162,7 @@ class GroupForm(QWidget):
     @property
     def pairs(self) -> str | None:
         """The column that identifies the pairs, if pairs are compared."""
-        chosen = None if self.is_regression else self.pairing.currentData()
+        chosen = None if self.is_regression or self.is_formula else self.pairing.currentData()
         return str(chosen) if chosen else None
 
     @property
@@ -164,6 +176,21 @@ class GroupForm(QWidget):
         column, _ = self.column.currentData()
         chosen = self.alignment.currentData()
         alignments = _BOTH if chosen is None else (chosen,)
+        tests = self._settings.model_dump(exclude={"seeds"})
+        if self.is_formula:
+            return tuple(
+                Question(
+                    kind="formula",
+                    column="",
+                    formula=self.builder.formula,
+                    subject=self.builder.subject.currentData(),
+                    strata=self.builder.strata.currentData(),
+                    alignment=alignment,
+                    complete_cases=self.complete.isChecked(),
+                    **tests,
+                )
+                for alignment in alignments
+            )
         return tuple(
             Question(
                 kind="regression" if self.is_regression else "pairs" if self.pairs else "groups",
@@ -173,20 +200,23 @@ class GroupForm(QWidget):
                 covariates=() if self.pairs else self.covariates,
                 alignment=alignment,
                 complete_cases=self.complete.isChecked(),
-                **self._settings.model_dump(exclude={"seeds"}),
+                **tests,
             )
             for alignment in alignments
         )
 
     def ask(self, request: Question) -> bool:
         """Choose the question of a request; return False if the cohort's table no longer allows it."""
-        choice = (request.column, _NUMBER if request.kind == "regression" else "groups")
+        kind = {"regression": _NUMBER, "formula": _FORMULA}.get(request.kind, "groups")
+        choice = (request.column, kind)
         offered = [self.column.itemData(at) for at in range(self.column.count())]
         if choice not in offered:
             return False
         self.column.setCurrentIndex(offered.index(choice))
         self.complete.setChecked(request.complete_cases)
         self._offer_values()
+        if request.kind == "formula":
+            self.builder.show_question(request.formula, request.subject, request.strata)
         for box, value in zip((self.first, self.second), request.between, strict=False):
             box.setCurrentText(value)
         self.every.setChecked(len(request.between) > 2)
@@ -243,7 +273,8 @@ class GroupForm(QWidget):
             for column, problem in numbers_of(study, complete=self.complete.isChecked()).items()
         }
         slopes = {text: (text.removesuffix(_AS_NUMBER), _NUMBER) for text in problems}
-        offered = groups | slopes
+        self.builder.offer()
+        offered = groups | slopes | ({_SEVERAL: ("", _FORMULA)} if study.columns else {})
         held = {self.column.itemText(at): self.column.itemData(at) for at in range(self.column.count())}
         if offered != held:
             self.column.clear()
@@ -266,7 +297,7 @@ class GroupForm(QWidget):
         self.edited.emit()
 
     def _offer_values(self) -> None:
-        slope, column = self.is_regression, ""
+        slope, column = self.is_regression or self.is_formula, ""
         if self.column.count():
             column, _ = self.column.currentData()
         values = reference_first(values_of(self._session.study, column))
@@ -277,13 +308,14 @@ class GroupForm(QWidget):
                 box.setCurrentIndex(index if values else -1)
         for widget in (*self._names[1:], self.first, self.second, self.swap):
             widget.setVisible(not slope)
-        self.slope.setVisible(slope)
+        self.slope.setVisible(self.is_regression)
+        self.builder.setVisible(self.is_formula)
         self._offer_pairings()
         self._offer_covariates(column)
 
     def _offer_pairings(self) -> None:
         """Offer the columns that pair the two groups; pairs have neither covariates nor further groups."""
-        slope = self.is_regression or not self.column.count()
+        slope = self.is_regression or self.is_formula or not self.column.count()
         columns = [] if slope else pairings_of(self._session.study, self.column.currentData()[0], self._two)
         offered = {"Subjects are not paired": None} | {f"Paired by {name}": name for name in columns}
         if list(offered) != [self.pairing.itemText(at) for at in range(self.pairing.count())]:
@@ -293,7 +325,7 @@ class GroupForm(QWidget):
                 self.pairing.addItem(text, name)
             self.pairing.setCurrentIndex(max(self.pairing.findData(kept), 0) if kept else 0)
         self.pairing.setVisible(bool(columns))
-        self.adjust.setVisible(not self.pairs)
+        self.adjust.setVisible(not self.pairs and not self.is_formula)
         self.every.setVisible(self.first.count() > 2 and not slope and not self.pairs)
         self._offer_further()
 
@@ -311,7 +343,10 @@ class GroupForm(QWidget):
                 action.toggled.connect(self._update_further)
                 self.further_menu.addAction(action)
         self.further.setVisible(
-            len(others) > 1 and self.every.isChecked() and not self.is_regression and not self.pairs
+            len(others) > 1
+            and self.every.isChecked()
+            and not (self.is_regression or self.is_formula)
+            and not self.pairs
         )
         self._name_further()
 

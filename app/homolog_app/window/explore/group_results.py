@@ -146,10 +146,7 @@ class GroupResults(AnswerTable):
         studies = answers.own if answers is not None else ()
         slope = bool(studies) and studies[0].question.kind == "regression"
         self.headerItem().setText(1, "Per unit (90 % CI)" if slope else _HEADS[1])
-        parts = [
-            (_heading(study), [_values(study, pair) for pair in study.pairwise or (study.overall,)])
-            for study in studies
-        ]
+        parts = [(_heading(study), [_values(study, pair) for pair in study.between_two]) for study in studies]
         self.show_rows(parts, chosen)
         self.setVisible(sum(len(rows) for _, rows in parts) > 1)
 
@@ -184,7 +181,7 @@ def _heading(study: "Answer") -> str:
     """Return the alignment and, for three or more groups, whether any differ."""
     text, overall = ALIGNED[study.question.alignment], study.overall
     text = f"{text[0].upper()}{text[1:]}"
-    if not study.pairwise or not overall.test.modes:
+    if not study.pairwise:
         return text
     far = "" if overall.distance is None else f"D {overall.distance.value:.2f}, "
     return f"{text}; any difference: {far}{p_text(overall.p_adjusted, overall.test.permutations)}"
@@ -192,9 +189,7 @@ def _heading(study: "Answer") -> str:
 
 def _values(study: "Answer", comparison: "Comparison") -> tuple[str, str, str, str]:
     effect = _effect_text(comparison.distance if comparison.test.modes else None, study.question)
-    p = "–"
-    if comparison.test.modes:
-        p = p_number(comparison.p_adjusted, comparison.test.permutations)
+    p = p_number(comparison.p_adjusted, comparison.test.permutations)
     significant = comparison.p_fwe <= LEVEL
     share = (
         100.0 * float(study.areas[significant].sum()) / max(float(study.areas.sum()), np.finfo(float).tiny)
@@ -310,7 +305,7 @@ class GroupPlot(ScatterPlot):
         if answer.values is None:
             from homolog_app.plots import discriminant_points
 
-            groups: Sequence[str] = [answer.study.labels[subject] for subject in answer.subjects]
+            groups = answer.groups
             second = np.array([group == answer.second for group in groups], dtype=bool)
             points = discriminant_points(answer.places, second)
             self.ends = float(answer.places[~second].mean()), float(answer.places[second].mean())
@@ -319,7 +314,7 @@ class GroupPlot(ScatterPlot):
         else:
             groups, points = answer.groups, np.column_stack([answer.values, answer.places])
             self.ends = float(answer.values.min()), float(answer.values.max())
-            label = answer.study.question.column
+            label = answer.pair.title
             self.title = f"Subjects by {label}"
         self.show_scores(points, names, groups, (label, ""))
 
@@ -332,12 +327,12 @@ class GroupPlot(ScatterPlot):
         assert answer.places is not None
         if answer.values is None:
             second = np.array([group == answer.second for group in self.groups], dtype=bool)
-            order = group_order(answer.study.labels)
+            order = group_order(answer.study.labels if answer.study.question.between else answer.groups)
             two = answer.first, answer.second
             draw_discriminant(axes, answer.places, second, two, order, colours, along=_line(answer))
             return
         slope = float(np.linalg.norm(answer.pair.pointwise.effect[0])) / np.sqrt(len(answer.pair.mean))
-        column = answer.study.question.column
+        column = answer.pair.title
         draw_slope(axes, answer.values, answer.places, self.groups, column, slope, colours)
 
     def draw_mark(self, axes: "Axes") -> "Artist":

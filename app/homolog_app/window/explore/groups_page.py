@@ -198,7 +198,7 @@ class GroupsPage(ExplorePage):
             return
         requests = self.form.requests
         answer = partial(answer_question, models, self.workspace.session.study, requests)
-        text = " and ".join(requests[0].between) or f"shapes along {requests[0].column}"
+        text = " and ".join(requests[0].between) or f"shapes by {requests[0].formula or requests[0].column}"
         self.workspace.work.compute("groups", answer, f"comparing {text}", self._receive)
 
     @property
@@ -362,7 +362,8 @@ class GroupsPage(ExplorePage):
         status = job.status if PAGE_OF_JOB.get(job.kind) == self.title else None
         self.progress.show_status(status)
         compares = "Compare pairs" if self.form.pairs else "Compare groups"
-        self.go.setText("Test the effect" if self.form.is_regression else compares)
+        tests = "Test the terms" if self.form.is_formula else "Test the effect"
+        self.go.setText(tests if self.form.is_formula or self.form.is_regression else compares)
         self.seeds.setText(f"Repeat with {self.form.seeds} seeds")
         has_result = self.workspace.session.result is not None and self.fitted.shape is not None
         set_enabled(self.go, has_result and self.form.is_possible and not job.is_busy)
@@ -416,7 +417,15 @@ class GroupsPage(ExplorePage):
         self.others.setText(correction_sentence(self.all, len(self._questions - self.all.question.titles)))
         self.others.setVisible(bool(self.others.text()))
         self.summary.setText(
-            typeset("\n".join(text for text, is_further in located.items() if is_further) + f"\n{CONTROLS}")
+            typeset(
+                "\n".join(
+                    [
+                        *(text for text, is_further in located.items() if is_further),
+                        *study.further_lines,
+                        CONTROLS,
+                    ]
+                )
+            )
         )
         self.cautions.setText(typeset("\n".join(cautions(study))))
         self.cautions.setVisible(bool(self.cautions.text()))
