@@ -8,20 +8,29 @@ import re
 from enum import StrEnum
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator
 from pydantic_core import PydanticCustomError
 
+from homolog.errors import InputError
+
 __all__ = [
+    "OWN",
     "Alignment",
     "GroomSettings",
     "Method",
     "Mirror",
     "OptimizeSettings",
+    "OwnGrooming",
     "Pieces",
     "Procrustes",
     "RunSettings",
+    "Turn",
     "Values",
 ]
+
+
+OWN = "grooming"
+"""Column of the cohort's table, case-insensitive: see `OwnGrooming`."""
 
 
 class Method(StrEnum):
@@ -74,6 +83,14 @@ class Values(StrEnum):
     LABELS = "labels"
     DISTANCE = "distance"
     PROBABILITY = "probability"
+
+
+class Turn(StrEnum):
+    """Principal axis of a shape about which it is turned by 180°."""
+
+    LONG = "long"
+    MIDDLE = "middle"
+    SHORT = "short"
 
 
 class Procrustes(StrEnum):
@@ -143,7 +160,7 @@ class GroomSettings(_Settings):
     ] = None
     pieces: Annotated[
         Pieces,
-        Field(description="Separate pieces: keep the largest, or all, which must then touch or overlap."),
+        Field(description="Separate pieces: keep the largest, or all, joined by the shortest bridges."),
     ] = Pieces.LARGEST
     spacing: Annotated[
         float | None,
@@ -201,6 +218,74 @@ class GroomSettings(_Settings):
     adaptive_mesh: Annotated[
         bool, Field(description="Use smaller triangles where the surface is strongly curved.")
     ] = False
+
+
+class OwnGrooming(_Settings):
+    """What differs for one subject: ``pieces=all; tunnels=10; turned=long; mirrored=yes``.
+
+    It is read from the column ``grooming`` of the cohort's table.
+
+    Attributes
+    ----------
+    label, segment, values, pieces, spacing, smoothing, tunnels
+        As in `GroomSettings`; those that are None are those of the cohort.
+    turned : Turn or None
+        The shape lies the other way round: it is turned about this axis.
+    mirrored : bool
+        The shape is its mirror image.
+    """
+
+    label: int | None = None
+    segment: str | None = None
+    values: Values | None = None
+    pieces: Pieces | None = None
+    spacing: float | None = None
+    smoothing: float | None = None
+    tunnels: float | None = None
+    turned: Turn | None = None
+    mirrored: bool = False
+
+    @classmethod
+    def read(cls, text: str, subject: str) -> "OwnGrooming":
+        """Return what a cell of the table says.
+
+        Parameters
+        ----------
+        text : str
+            Names and values, separated by semicolons.
+        subject : str
+            The subject's name, for messages.
+
+        Raises
+        ------
+        InputError
+            If a name or a value is not known.
+        """
+        fields = dict(part.partition("=")[::2] for part in text.split(";") if part.strip())
+        given = {name.strip(): value.strip() for name, value in fields.items()}
+        try:
+            own = cls.model_validate(given)
+            own.applied(GroomSettings())
+        except ValidationError as error:
+            name = str(error.errors()[0]["loc"][0])
+            known = (
+                f"one of {', '.join(cls.model_fields)}" if name not in cls.model_fields else "a valid value"
+            )
+            raise InputError(
+                f"{subject}: {name}={given.get(name, '')} in its column grooming is not {known}"
+            ) from error
+        return own
+
+    @property
+    def text(self) -> str:
+        """The text that `read` takes."""
+        given = self.model_dump(mode="json", exclude_defaults=True)
+        return "; ".join(f"{name}={'yes' if value is True else value}" for name, value in given.items())
+
+    def applied(self, settings: GroomSettings) -> GroomSettings:
+        """Return the settings of the subject's own surface."""
+        own = self.model_dump(exclude_none=True, exclude={"turned", "mirrored"})
+        return GroomSettings.model_validate(settings.model_dump() | own) if own else settings
 
 
 class OptimizeSettings(_Settings):

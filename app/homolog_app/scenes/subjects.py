@@ -9,6 +9,7 @@ import numpy as np
 from homolog.arrays import Array, FloatArray
 from homolog.cohort import Subject
 from homolog.geometry import transform_points
+from homolog.io.records import note_kinds
 from homolog.settings import GroomSettings
 from homolog.surfaces.mirroring import mirrors
 from homolog_app.rendering.colours import colours_by_place
@@ -19,16 +20,61 @@ if TYPE_CHECKING:
     from homolog.grooming import GroomedSubject
     from homolog_app.studies.file_survey import FileSurvey
 
-__all__ = ["Groomed", "moment_of", "realigned", "single_subject", "subject_contents"]
+__all__ = ["Groomed", "Triage", "moment_of", "realigned", "single_subject", "subject_contents"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Groomed:
-    """A groomed subject, its (4, 4) alignment to the cohort, and the settings it was groomed with."""
+    """A groomed subject, its (4, 4) alignment to the cohort, and how it was groomed.
+
+    Attributes
+    ----------
+    subject : GroomedSubject
+    alignment : (4, 4) array
+    settings : GroomSettings
+        Those of the cohort.
+    own : str
+        What differs for this subject: its column ``grooming``.
+    """
 
     subject: "GroomedSubject"
     alignment: FloatArray
     settings: GroomSettings
+    own: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Triage:
+    """What grooming says of a cohort: of single subjects, of most of them, or nothing.
+
+    Attributes
+    ----------
+    look : mapping of str to tuple of str
+        Notes of a kind that fewer than half of the subjects have, by subject; the rarest kinds first.
+    whole : tuple of (str, int)
+        Notes of half of the subjects or more, with their numbers of subjects.
+    fine : tuple of str
+        The other subjects.
+    """
+
+    look: Mapping[str, tuple[str, ...]]
+    whole: tuple[tuple[str, int], ...]
+    fine: tuple[str, ...]
+
+    @classmethod
+    def of(cls, groomed: Mapping[str, Groomed]) -> "Triage":
+        """Return the triage of groomed subjects."""
+        kinds = note_kinds({name: item.subject.report.notes for name, item in groomed.items()})
+        kinds.sort(key=lambda kind: len(kind.names))
+        look: dict[str, tuple[str, ...]] = {}
+        whole = []
+        for kind in kinds:
+            if len(groomed) > 1 and 2 * len(kind.names) >= len(groomed):
+                whole.append((kind.text, len(kind.names)))
+                continue
+            for name, note in kind.notes:
+                look[name] = (*look.get(name, ()), note)
+        return cls(look, tuple(whole[::-1]), tuple(name for name in groomed if name not in look))
 
 
 def moment_of(loaded: LoadedResult, index: int) -> tuple[dict[str, FloatArray], Array]:

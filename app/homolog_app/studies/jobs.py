@@ -120,27 +120,28 @@ def groom_again(
     settings: RunSettings,
     project: ProjectFolder,
     tick: Tick,
-) -> "GroomedSubject":
-    """Groom one subject of a cohort again, with notes from the comparison with the others."""
+) -> "dict[str, tuple[GroomedSubject, FloatArray]]":
+    """Groom one subject of a cohort again; return all as they now lie to each other, the others unchanged."""
     from homolog.cluster import subject_executor
-    from homolog.grooming import groom_cohort
+    from homolog.grooming import compared, groom_cohort
     from homolog.registration import align_cohort
 
     alone = Cohort(tuple(item for item in cohort.subjects if item.name == name), cohort.folder)
     with subject_executor(1, settings.cluster) as executor:
         (again,) = groom_cohort(
-            alone, settings.groom, executor=executor, cache=project.groomed, tick=part_of(tick, 0.0, 0.9)
+            alone, settings.groom, executor=executor, cache=project.groomed, tick=part_of(tick, 0.0, 0.5)
         )
     shapes = {**others, name: again}
-    among = tuple(item for item in cohort.subjects if item.name in shapes)
-    aligned, _ = align_cohort(
-        Cohort(among, cohort.folder),
-        [shapes[item.name] for item in among],
+    among = Cohort(tuple(item for item in cohort.subjects if item.name in shapes), cohort.folder)
+    aligned, places = align_cohort(
+        among,
+        compared([shapes[item.name] for item in among.subjects]),
         settings.groom,
-        part_of(tick, 0.9, 1.0),
+        part_of(tick, 0.5, 1.0),
         cache=project.registrations,
     )
-    return next(item for item in aligned if item.name == name)
+    shapes[name] = next(item for item in aligned if item.name == name)
+    return {item.name: (shapes[item.name], place) for item, place in zip(among.subjects, places, strict=True)}
 
 
 def groomed_before(
@@ -148,7 +149,7 @@ def groomed_before(
 ) -> "tuple[list[GroomedSubject], FloatArray] | None":
     """Return a project's cached groomed subjects, aligned; None unless all are up to date."""
     from homolog.grooming.cache import content_key, load_groomed
-    from homolog.grooming.subject import read_source
+    from homolog.grooming.subject import read_source, settings_of
     from homolog.registration import align_cohort
 
     groomed = []
@@ -157,7 +158,8 @@ def groomed_before(
         if not (project.groomed / f"{file_stems([subject.name])[0]}.npz").is_file():
             return None
         try:
-            key = content_key(read_source(subject, settings.groom), settings.groom)
+            own = settings_of(subject, settings.groom)
+            key = content_key(read_source(subject, own), own)
         except InputError:
             return None  # reported when files are read
         kept = load_groomed(project.groomed, subject.name, key)

@@ -14,6 +14,7 @@ from homolog.cohort import (
     Cohort,
     Subject,
     TableChanges,
+    column_of,
     proposals,
     read_cohort,
     subject_at,
@@ -24,7 +25,7 @@ from homolog.cohort import (
 from homolog.errors import InputError
 from homolog.io.records import ResultRecord
 from homolog.io.results import Result
-from homolog.settings import RunSettings
+from homolog.settings import OWN, RunSettings
 
 __all__ = [
     "FILES",
@@ -318,6 +319,9 @@ def outdated_text(study: Study, result: ResultRecord, *, settings: bool = True) 
         if getattr(now, name) != getattr(own, name)
     ]
     parts += [f"settings have changed ({_listed(changed)})"] if changed and settings else []
+    own = {subject.name: column_of(subject.columns, OWN) for subject in result.subjects}
+    anew = [item.name for item in study.included if own.get(item.name, "") != column_of(item.columns, OWN)]
+    parts += [f"{_listed(anew)} {_are(anew)} to be groomed in another way"] if anew else []
     return f"This result is out of date: {'; '.join(parts)}. Run again to update it." if parts else ""
 
 

@@ -7,9 +7,9 @@ from PySide6.QtCore import QAbstractTableModel, QModelIndex, QObject, QPersisten
 from PySide6.QtGui import QColor, QImage, QPixmap
 
 from homolog.arrays import Array
-from homolog.io.records import note_kinds
 from homolog_app.rendering.colours import rgb
 from homolog_app.rendering.text import millilitres
+from homolog_app.scenes.subjects import Triage
 from homolog_app.studies.study import Member
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme, pixmap
@@ -46,7 +46,7 @@ class CohortModel(QAbstractTableModel):
         self._members: tuple[Member, ...] = ()
         self._columns: list[str] = []
         self._pictures: dict[tuple[str, str], QPixmap] = {}
-        self._remarkable: set[str] | None = None
+        self._triage: Triage | None = None
         session.study_changed.connect(self._receive)
         for changed in (session.surveys_changed, session.groomed_changed, session.result_changed):
             changed.connect(self._refresh)
@@ -134,7 +134,7 @@ class CohortModel(QAbstractTableModel):
         self.endResetModel()
 
     def _refresh(self) -> None:
-        self._remarkable = None
+        self._triage = None
         if self._members:
             self.dataChanged.emit(self.index(0, 0), self.index(self.rowCount() - 1, self.columnCount() - 1))
 
@@ -173,24 +173,20 @@ class CohortModel(QAbstractTableModel):
             return "Not usable", "error"
         if groomed is None:
             return "Read", ""
-        if groomed.settings != self._session.study.settings.groom:
+        if not self._session.is_groomed_as_set(member.subject):
             return "Settings changed", "redo_one"
         notes = groomed.subject.report.notes
         if notes:
-            picture = "warning" if member.name in self.remarkable else "log"
+            picture = "warning" if member.name in self.triage.look else "log"
             return ("1 note" if len(notes) == 1 else f"{len(notes)} notes"), picture
         return "Groomed", "done"
 
     @property
-    def remarkable(self) -> set[str]:
-        """The subjects with a note of a kind that fewer than half of the groomed subjects have."""
-        if self._remarkable is None:
-            notes = {name: groomed.subject.report.notes for name, groomed in self._session.groomed.items()}
-            kinds = note_kinds(notes)
-            self._remarkable = {
-                name for kind in kinds if 2 * len(kind.names) < len(notes) for name in kind.names
-            }
-        return self._remarkable
+    def triage(self) -> Triage:
+        """What grooming says of the subjects."""
+        if self._triage is None:
+            self._triage = Triage.of(self._session.groomed)
+        return self._triage
 
     def _tip(self, member: Member) -> str:
         survey, groomed = self._session.surveys.get(member.name), self._session.groomed.get(member.name)

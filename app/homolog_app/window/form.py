@@ -5,7 +5,7 @@ from enum import Enum
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
-from PySide6.QtCore import QEvent, QObject, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, Qt, Signal, SignalInstance
 from PySide6.QtGui import QEnterEvent, QFocusEvent, QKeyEvent, QKeySequence
 from PySide6.QtWidgets import (
     QCheckBox,
@@ -19,11 +19,12 @@ from PySide6.QtWidgets import (
 )
 
 from homolog.parameters import Parameter, fault_text, parameters
+from homolog.settings import RunSettings
 from homolog_app.rendering.text import parse_number
 from homolog_app.window.theme import scaled
 from homolog_app.window.widgets import GRID, NumberBox, button, label
 
-__all__ = ["SettingsForm", "SettingsPair", "named_rows", "tab_before"]
+__all__ = ["SettingsForm", "SettingsPair", "named_rows", "resources_form", "tab_before"]
 
 _HINT = "Point at a setting for its help."
 _LINES = 3
@@ -207,6 +208,15 @@ class SettingsPair(QWidget):
     def _fold(self, open_: bool) -> None:
         self.more.setVisible(open_)
         self.unfold.setText("More settings ▾" if open_ else "More settings ▸")
+
+
+def resources_form(pair: SettingsPair, names: tuple[str, ...], edited: SignalInstance) -> SettingsForm:
+    """Return a form for settings of the run, folded below others; edits are emitted as name and value."""
+    others = tuple(name for name in RunSettings.model_fields if name not in names)
+    form = SettingsForm(RunSettings, leave_out=others, help_=pair.help, least_px=pair.name_px)
+    form.edited.connect(lambda name, settings: edited.emit(name, getattr(settings, name)))
+    pair.add_folded(form)
+    return form
 
 
 class _Row(QWidget):

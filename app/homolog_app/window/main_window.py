@@ -29,10 +29,11 @@ from homolog_app.window.explore.page import OverviewPage
 from homolog_app.window.explore.panel import PAGE_COMMANDS, ExploreController, ExplorePanel
 from homolog_app.window.explore.patient_page import PatientPage
 from homolog_app.window.export.controller import ExportController
+from homolog_app.window.groom_panel import GroomPanel
 from homolog_app.window.help import HelpController, Tour
 from homolog_app.window.project_controller import ProjectController
 from homolog_app.window.rail import STEPS, DockSizes, Rail, StatusBar, least_inspector, steps_of
-from homolog_app.window.run_panel import GroomPanel, RunPanel
+from homolog_app.window.run_panel import RunPanel
 from homolog_app.window.run_particles import EnergyCurves
 from homolog_app.window.start_page import StartPage
 from homolog_app.window.theme import scaled, screen_room

@@ -1,245 +1,33 @@
-"""The pages *Groom* and *Correspond*."""
+"""The page *Correspond*."""
 
-from collections.abc import Mapping, Sequence
-
-from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal, SignalInstance
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import (
     QComboBox,
     QHBoxLayout,
-    QHeaderView,
     QLabel,
-    QTableWidget,
-    QTableWidgetItem,
     QVBoxLayout,
     QWidget,
 )
 
 from homolog.io.project import ProjectFolder
-from homolog.io.records import note_kinds
-from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
-from homolog.surfaces.mirroring import mirrors
-from homolog_app.rendering.text import millilitres, signed
-from homolog_app.scenes.subjects import Groomed
+from homolog.settings import OptimizeSettings
 from homolog_app.studies.files import interrupted_text
 from homolog_app.studies.study import outdated_text
 from homolog_app.window.actions import Actions
-from homolog_app.window.form import SettingsForm, SettingsPair
+from homolog_app.window.form import SettingsPair, resources_form
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Session
-from homolog_app.window.theme import scaled
 from homolog_app.window.widgets import (
     GRID,
     ActionButton,
     Panel,
     Progress,
-    choice,
-    dress_table,
     label,
     rule,
     set_primary,
 )
 
-__all__ = ["GroomNotes", "GroomPanel", "RunPanel"]
-
-
-_NOTES_PX, _ROW_PX, _NAME_PX = 168, 28, 160
-_FIRST_SHARE = 100  # stretch factor: the table of notes takes nearly all free height
-_GROOM_MAIN = ("label", "smoothing", "alignment", "pieces")
-
-
-class GroomPanel(Panel):
-    """Settings of grooming, its button, and its report on the selected subject."""
-
-    settings_edited = Signal(str, object)
-    resource_edited = Signal(str, object)
-
-    def __init__(self, session: Session, actions: Actions) -> None:
-        super().__init__(
-            "Groom", "Fill, smooth and align the shapes. Check the contours before you continue."
-        )
-        self._session = session
-        self.form = SettingsPair(GroomSettings, _GROOM_MAIN)
-        self.form.edited.connect(self.settings_edited)
-        self.resources = _resources(self.form, ("workers", "cluster"), self.resource_edited)
-        self.report = label("", "Hint", wrap=True)
-        self.report.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.subject = label("", "SectionTitle", wrap=True)
-        self.notes = GroomNotes()
-        self.notes.chosen.connect(self._go_to)
-        self.mirrored = label("", "Hint", wrap=True)
-        self.again = ActionButton("Groom this subject again", actions["run.regroom"])
-        self.body.addWidget(self.form)
-        self.body.addWidget(self.mirrored)
-        self.body.addWidget(rule())
-        self.body.addWidget(self.notes, _FIRST_SHARE)
-        for widget in (self.subject, self.report, self.again):
-            self.body.addWidget(widget)
-        self.body.addStretch(1)
-        self.progress = Progress(actions["run.cancel"])
-        self.go = ActionButton("Groom", actions["run.groom"], "primary")
-        self.proceed = ActionButton("Next: Correspond", actions["view.correspond"], "primary")
-        for below in (self.form.help, self.progress, self.go, self.proceed):
-            self.footer.addWidget(below)
-        for signal in (
-            session.study_changed,
-            session.groomed_changed,
-            session.result_changed,
-            session.selection_changed,
-        ):
-            signal.connect(self._show)
-        self._show()
-
-    def _go_to(self, name: str) -> None:
-        """Select a subject, and scroll to the changes of its grooming and the button below them."""
-        self._session.select([name])
-        QTimer.singleShot(0, self, lambda: self.reveal(self.again))
-
-    def show_busy(self, status: Status | None) -> None:
-        """Show the progress of grooming, or hide it."""
-        was_busy = status is not None and self.go.isHidden()
-        self.progress.show_status(status)
-        if not was_busy:
-            self.go.setVisible(status is None)
-            self._show()
-
-    def _show(self) -> None:
-        session = self._session
-        self.form.show_values(session.study.settings.groom)
-        self.resources.show_values(session.study.settings)
-        idle = not self.progress.isVisibleTo(self)
-        count = len(session.study.included)
-        # An opened project loads its result before its groomed surfaces.
-        done = session.is_groomed or (session.result is not None and not session.groomed)
-        self.go.setText("Groom all again" if done else f"Groom {count} subjects")
-        set_primary(self.go, not done)
-        self.proceed.setVisible(idle and done)
-        turned = [name for name, groomed in session.groomed.items() if mirrors(groomed.alignment)]
-        self.mirrored.setText(f"Mirrored to the other side: {', '.join(turned)}")
-        self.mirrored.setVisible(bool(turned))
-        name = session.selection[0] if session.selection else ""
-        self.notes.show_notes(
-            {name: groomed.subject.report.notes for name, groomed in session.groomed.items()}, name
-        )
-        groomed = session.groomed.get(name)
-        for widget in (self.subject, self.report, self.again):
-            widget.setVisible(groomed is not None)
-        if groomed is not None:
-            self.subject.setText(name)
-            self.report.setText(_sentences(groomed))
-
-
-def _resources(pair: SettingsPair, names: tuple[str, ...], edited: SignalInstance) -> SettingsForm:
-    """Return a form for settings of the run, folded below others; edits are emitted as name and value."""
-    others = tuple(name for name in RunSettings.model_fields if name not in names)
-    form = SettingsForm(RunSettings, leave_out=others, help_=pair.help, least_px=pair.name_px)
-    form.edited.connect(lambda name, settings: edited.emit(name, getattr(settings, name)))
-    pair.add_folded(form)
-    return form
-
-
-def _sentences(groomed: Groomed) -> str:
-    report = groomed.subject.report
-    change = 100.0 * (report.volume_after / report.volume_before - 1.0)
-    lines = [
-        f"Volume {millilitres(report.volume_before)} in the file, "
-        f"{millilitres(report.volume_after)} groomed ({signed(change, 1)} %)",
-        f"{len(groomed.subject.mesh.vertices)} vertices, {report.genus} handle{'s' * (report.genus != 1)}",
-        *(f"• {note[:1].upper()}{note[1:]}" for note in report.notes),
-    ]
-    return "\n".join(lines)
-
-
-class GroomNotes(QWidget):
-    """Subjects with notes of grooming as a table, all or those with one kind of note.
-
-    Attributes
-    ----------
-    kinds : QComboBox
-        The kind of note shown; the first entry means all.
-    table : QTableWidget
-        Name and notes of each subject.
-    """
-
-    chosen = Signal(str)
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._notes: Mapping[str, Sequence[str]] = {}
-        self.title = label("", "SectionTitle")
-        self.kinds = choice("Kind of note")
-        self.table = QTableWidget(0, 2)
-        self.table.setHorizontalHeaderLabels(["Subject", "Note"])
-        dress_table(self.table, "Notes", 0)
-        self.table.setSelectionMode(QTableWidget.SelectionMode.SingleSelection)
-        self.table.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
-        self.table.verticalHeader().setDefaultSectionSize(scaled(_ROW_PX))
-        head = self.table.horizontalHeader()
-        head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        head.setSectionResizeMode(0, QHeaderView.ResizeMode.ResizeToContents)
-        head.setMaximumSectionSize(scaled(_NAME_PX))
-        head.setStretchLastSection(True)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(GRID)
-        for widget in (self.title, self.kinds, self.table):
-            column.addWidget(widget)
-        self.kinds.activated.connect(self._show_rows)
-        self.table.currentCellChanged.connect(self._choose)
-
-    def show_notes(self, notes: Mapping[str, Sequence[str]], selected: str) -> None:
-        """Show the notes of all groomed subjects, and mark the selected subject's row."""
-        noted = {name: own for name, own in notes.items() if own}
-        self.setVisible(bool(noted))
-        self.title.setText(f"Notes on {len(noted)} of {len(notes)} subjects")
-        if noted != self._notes:
-            self._notes = noted
-            self._show_kinds()
-            self._show_rows()
-        self._mark(selected)
-
-    def _show_kinds(self) -> None:
-        """List the kinds of notes, and the notes of each subject, the rarest first."""
-        kinds = sorted(note_kinds(self._notes), key=lambda kind: len(kind.names))
-        every: dict[str, list[str]] = {name: [] for name in self._notes}
-        self.kinds.clear()
-        self.kinds.addItem("All notes", every)
-        for kind in kinds:
-            own: dict[str, list[str]] = {}
-            for name, note in kind.notes:
-                own.setdefault(name, []).append(note)
-                every[name].append(note)
-            who = kind.names[0] if len(own) == 1 else f"{len(own)} subjects"
-            self.kinds.addItem(f"{who}: {kind.text}", own)
-            self.kinds.setItemData(self.kinds.count() - 1, kind.text, Qt.ItemDataRole.ToolTipRole)
-        self.kinds.setItemData(0, every)
-
-    def _show_rows(self) -> None:
-        shown = self.kinds.currentData()
-        with QSignalBlocker(self.table):
-            self.table.setRowCount(len(shown))
-            for row, (name, own) in enumerate(shown.items()):
-                for column, text in enumerate((name, "; ".join(own))):
-                    item = QTableWidgetItem(text)
-                    item.setToolTip("\n".join([name, *own]))
-                    self.table.setItem(row, column, item)
-            self.table.setCurrentCell(-1, -1)
-        rows = self.table.horizontalHeader().sizeHint().height() + len(shown) * scaled(_ROW_PX) + GRID // 2
-        self.table.setMinimumHeight(min(rows, scaled(_NOTES_PX)))
-        above = self.title.sizeHint().height() + self.kinds.sizeHint().height() + 2 * GRID
-        self.setMaximumHeight(above + rows)
-
-    def _mark(self, name: str) -> None:
-        """Select the row of a subject, or none."""
-        names = list(self.kinds.currentData() or ())
-        with QSignalBlocker(self.table):
-            self.table.clearSelection()
-            if name in names:
-                self.table.selectRow(names.index(name))
-
-    def _choose(self, row: int) -> None:
-        item = self.table.item(row, 0)
-        if item is not None:
-            self.chosen.emit(item.text())
+__all__ = ["RunPanel"]
 
 
 _RUN_MAIN = ("method", "particles", "seed")
@@ -266,7 +54,7 @@ class RunPanel(Panel):
         self.device.activated.connect(
             lambda _: self.resource_edited.emit("device", self.device.currentData())
         )
-        self.resources = _resources(self.form, ("workers", "memory", "cluster"), self.resource_edited)
+        self.resources = resources_form(self.form, ("workers", "memory", "cluster"), self.resource_edited)
         self.device.setToolTip("Compute device. Automatic selects the first GPU, or the CPU without one.")
         self.summary = label("", "Hint", wrap=True)
         self.further = label("", "Hint", wrap=True)

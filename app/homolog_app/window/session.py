@@ -9,8 +9,8 @@ import numpy as np
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QUndoCommand, QUndoStack
 
-from homolog.cohort import Subject
-from homolog.settings import RunSettings
+from homolog.cohort import Subject, column_of
+from homolog.settings import OWN, OwnGrooming, RunSettings
 from homolog_app.scenes.subjects import Groomed
 from homolog_app.studies.jobs import Devices, RunJob
 from homolog_app.studies.loaded_result import LoadedResult
@@ -149,9 +149,27 @@ class Session(QObject):
     def is_groomed(self) -> bool:
         """Whether every included subject is groomed with the current settings."""
         return bool(self.study.included) and all(
-            subject.name in self.groomed and self.groomed[subject.name].settings == self.study.settings.groom
-            for subject in self.study.included
+            self.is_groomed_as_set(subject) for subject in self.study.included
         )
+
+    def is_groomed_as_set(self, subject: Subject) -> bool:
+        """Whether a subject is groomed with the current settings and what its table says."""
+        groomed = self.groomed.get(subject.name)
+        now = self.study.settings.groom, column_of(subject.columns, OWN)
+        return groomed is not None and (groomed.settings, groomed.own) == now
+
+    def own_grooming(self, name: str) -> OwnGrooming:
+        """Return what differs for one subject; raises InputError if its table can't be read."""
+        member = next(member for member in self.study.members if member.name == name)
+        return OwnGrooming.read(column_of(member.subject.columns, OWN), name)
+
+    def set_own_grooming(self, name: str, own: OwnGrooming) -> None:
+        """Set what differs for one subject, in its column ``grooming``."""
+        member = next(member for member in self.study.members if member.name == name)
+        title = next((key for key in member.subject.columns if key.strip().casefold() == OWN), OWN)
+        columns = {**member.subject.columns, title: own.text}
+        changed = replace(member, subject=replace(member.subject, columns=columns))
+        self.edit(f"Grooming of {name}", self.study.with_members({name: changed}))
 
     @property
     def extension_of(self) -> Extension | None:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from PySide6.QtCore import QObject, Slot
 
-from homolog.cohort import Cohort, Subject
+from homolog.cohort import Cohort, Subject, column_of
 from homolog.io.project import ProjectFolder
 from homolog.progress import Tick
-from homolog.settings import GroomSettings
+from homolog.settings import OWN, GroomSettings
 from homolog_app.scenes.subjects import Groomed
 from homolog_app.studies.jobs import (
     Devices,
@@ -151,25 +151,35 @@ class Work(QObject):
 
     def _receive_groomed(self, groomed: "GroomedCohort", settings: GroomSettings) -> None:
         self.to_restore = None
+        own = self._own_grooming()
         self.session.add_groomed(
-            {item.name: Groomed(item, alignment, settings) for item, alignment in zip(*groomed, strict=True)}
+            {
+                item.name: Groomed(item, alignment, settings, own.get(item.name, ""))
+                for item, alignment in zip(*groomed, strict=True)
+            }
         )
 
-    def groom_one(self, name: str, project: ProjectFolder) -> None:
-        """Groom one subject again, with its place in the alignment unchanged."""
-        study, others = self.session.study, self.session.groomed
-        shapes = {other: item.subject for other, item in others.items()}
+    def _own_grooming(self) -> dict[str, str]:
+        return {item.name: column_of(item.columns, OWN) for item in self.session.study.included}
 
-        def work(tick: Tick) -> "GroomedSubject":
+    def groom_one(self, name: str, project: ProjectFolder) -> None:
+        """Groom one subject again; the others keep their surfaces."""
+        study, before, own = self.session.study, self.session.groomed, self._own_grooming()
+        shapes = {other: item.subject for other, item in before.items() if other in own}
+
+        def work(tick: Tick) -> "dict[str, tuple[GroomedSubject, FloatArray]]":
             return groom_again(study.cohort, name, shapes, study.settings, project, tick)
 
-        def take(groomed: "GroomedSubject") -> None:
-            before = self.session.groomed[name]
+        def take(groomed: "dict[str, tuple[GroomedSubject, FloatArray]]") -> None:
             _log.info("groomed %s again", name)
-            again = Groomed(groomed, before.alignment, study.settings.groom)
-            self.session.add_groomed({name: again})
+            again = {
+                other: replace(before[other], subject=subject, alignment=place)
+                for other, (subject, place) in groomed.items()
+                if other != name
+            }
+            self.session.add_groomed(again | {name: Groomed(*groomed[name], study.settings.groom, own[name])})
 
-        self.compute("groom", work, "grooming", take)
+        self.compute("groom", work, f"grooming {name}", take)
 
     def run(self, project: ProjectFolder, *, resume: bool = False, from_result: bool = False) -> None:
         """Place the particles, or continue from a checkpoint or from the result."""

@@ -1,6 +1,6 @@
 """Sides of the body, from the cohort's table or pattern."""
 
-from homolog.cohort.subject import Cohort, Subject
+from homolog.cohort.subject import Cohort, column_of
 from homolog.errors import InputError
 
 __all__ = ["LEFT", "RIGHT", "SIDE_COLUMN", "other_side", "side_of_word", "sides_of"]
@@ -34,13 +34,8 @@ def sides_of(cohort: Cohort) -> dict[str, str]:
     InputError
         If the column is left or right for some subjects, and has another value for others.
     """
-    values = {subject.name: _column(subject) for subject in cohort.subjects}
+    values = {subject.name: column_of(subject.columns, SIDE_COLUMN) for subject in cohort.subjects}
     sides = {name: side for name, value in values.items() if (side := side_of_word(value))}
     if odd := [name for name, value in values.items() if sides and value and name not in sides]:
         raise InputError(f"{odd[0]}: its side is {values[odd[0]]!r}; write left or right, or leave it empty")
     return sides
-
-
-def _column(subject: Subject) -> str:
-    values = [value for name, value in subject.columns.items() if name.strip().casefold() == SIDE_COLUMN]
-    return values[0].strip() if values else ""

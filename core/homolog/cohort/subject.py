@@ -15,6 +15,7 @@ __all__ = [
     "Cohort",
     "Subject",
     "checked_path",
+    "column_of",
     "image_beside",
     "landmarks_beside",
     "stem_of",
@@ -101,6 +102,12 @@ class Subject:
             self.image,
             dict(self.structures),
         )
+
+
+def column_of(columns: Mapping[str, str], name: str) -> str:
+    """Return the value of a column, whose name's case does not matter; empty if there is none."""
+    values = (value for key, value in columns.items() if key.strip().casefold() == name)
+    return next(values, "").strip()
 
 
 def _subject_of(

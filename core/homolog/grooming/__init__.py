@@ -1,6 +1,6 @@
 """From files to distance fields and meshes."""
 
-from homolog.grooming.cohort import Problem, Reading, check_cohort, groom_cohort
+from homolog.grooming.cohort import Problem, Reading, check_cohort, compared, groom_cohort
 from homolog.grooming.subject import GroomedSubject, GroomReport, groom_subject
 
 __all__ = [
@@ -9,6 +9,7 @@ __all__ = [
     "Problem",
     "Reading",
     "check_cohort",
+    "compared",
     "groom_cohort",
     "groom_subject",
 ]

@@ -31,7 +31,7 @@ __all__ = [
     "stored_key",
 ]
 
-_VERSION = "13"
+_VERSION = "14"
 """Increase this number whenever results of grooming change: older archives are then recomputed."""
 
 

@@ -25,17 +25,24 @@ from homolog.grooming.cache import (
 )
 from homolog.grooming.clean import is_pair
 from homolog.grooming.missing_slices import with_missing_slices
-from homolog.grooming.subject import GroomedSubject, Source, check_source, groom, read_source
+from homolog.grooming.subject import (
+    GroomedSubject,
+    Source,
+    check_source,
+    groom,
+    read_source,
+    settings_of,
+)
 from homolog.io.images import Segmentation
 from homolog.io.markups import read_markups
 from homolog.progress import Tick, no_tick, part_of
 from homolog.registration.align import of_other_units
-from homolog.settings import GroomSettings
+from homolog.settings import GroomSettings, Pieces
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import cores
 from homolog.workers import main_guard_hint, worker_processes
 
-__all__ = ["Problem", "Reading", "check_cohort", "groom_cohort"]
+__all__ = ["Problem", "Reading", "check_cohort", "compared", "groom_cohort"]
 
 _log = logging.getLogger(__name__)
 
@@ -197,7 +204,8 @@ def _each_read(
 
 def _read(job: _Check) -> _Content:
     """Read and check a subject, in a worker; shapes of more than some bytes are not kept."""
-    subject, settings, given, most = job
+    subject, common, given, most = job
+    settings = settings_of(subject, common)
     source = read_source(subject, settings) if given is None else check_source(given, settings, subject.name)
     if subject.landmarks is not None:
         read_markups(subject.landmarks)
@@ -209,7 +217,7 @@ def _read(job: _Check) -> _Content:
     return _Content(
         replace(reading, source=packed if packed.bits.nbytes <= most else None),
         source.name.strip() if source.name and settings.segment is None else "",
-        is_pair(with_missing_slices(source)[0].mask),
+        settings.pieces is Pieces.LARGEST and is_pair(with_missing_slices(source)[0].mask),
     )
 
 
@@ -292,7 +300,7 @@ def groom_cohort(
         read = readings.get(name, Reading(""))
         whole = load_groomed(cache, name, known) if cache and read.key == known else None
         if whole is None:
-            jobs[name] = (subject, settings, sources.get(name, read.source), known)
+            jobs[name] = (subject, settings_of(subject, settings), sources.get(name, read.source), known)
         else:
             groomed[name] = taken(whole)
     with nullcontext(executor) if executor or not jobs else worker_processes(min(len(jobs), cores())) as used:
@@ -322,7 +330,12 @@ def groom_cohort(
         strange = of_other_units([subject.name for subject in ordered], sizes)
         left_out += [Problem(name, message) for name, message in strange.items()]
         ordered = [subject for subject in ordered if subject.name not in strange]
-    return _with_other_handles(_with_other_ends(_with_twins(ordered)))
+    return compared(ordered)
+
+
+def compared(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
+    """Return groomed subjects with notes on those whose surfaces differ in kind from most, or occur twice."""
+    return _with_other_handles(_with_other_ends(_with_twins(groomed)))
 
 
 def _with_twins(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:

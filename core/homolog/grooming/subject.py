@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.cohort import Subject
+from homolog.cohort import Subject, column_of
 from homolog.errors import InputError, NumericalError
 from homolog.grooming.clean import cleaned
 from homolog.grooming.fields import ENOUGH, SmoothField, distance_field, restored
@@ -17,7 +17,7 @@ from homolog.io.images import Segmentation, read_segmentation
 from homolog.io.meshes import read_mesh
 from homolog.io.structures import mask_of
 from homolog.memory import Store
-from homolog.settings import GroomSettings, Values
+from homolog.settings import OWN, GroomSettings, OwnGrooming, Values
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import coarse_isosurface, isosurface
 from homolog.surfaces.mesh import TriangleMesh
@@ -35,6 +35,7 @@ __all__ = [
     "groom",
     "groom_subject",
     "read_source",
+    "settings_of",
 ]
 
 AT_BORDER = "touches the border of its image and may be cut off there; it was padded"
@@ -169,7 +170,19 @@ def groom_subject(subject: Subject, settings: GroomSettings) -> GroomedSubject:
     NumericalError
         If no closed surface can be computed.
     """
-    return groom(subject.name, read_source(subject, settings), settings)
+    own = settings_of(subject, settings)
+    return groom(subject.name, read_source(subject, own), own)
+
+
+def settings_of(subject: Subject, settings: GroomSettings) -> GroomSettings:
+    """Return the settings of one subject, whose column ``grooming`` may differ from the cohort's.
+
+    Raises
+    ------
+    InputError
+        If the column can't be read.
+    """
+    return OwnGrooming.read(column_of(subject.columns, OWN), subject.name).applied(settings)
 
 
 def read_source(subject: Subject, settings: GroomSettings) -> Source:
@@ -282,6 +295,9 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
         clean = cleaned(source, settings.pieces)
         dropped, filled, borders = clean.components_dropped, clean.holes_filled, clean.borders
         volume = source.volume
+        if clean.bridges:
+            longest = f"the longest {max(clean.bridges):.2g} mm long"
+            notes.append(f"{len(clean.bridges) + 1} separate pieces were joined by bridges, {longest}")
         smooth = _field_of_voxels(clean.segmentation, settings)
         if filled:
             notes.append(f"enclosed cavities were filled: {filled}")

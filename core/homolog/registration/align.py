@@ -1,6 +1,6 @@
 """Alignment of groomed shapes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -24,7 +24,7 @@ from homolog.registration.icp import (
 from homolog.registration.notes import MIN_SUBJECTS, Findings, notes_on
 from homolog.registration.orientations import Choice, choose
 from homolog.registration.typicality import angles_from, by_typicality, odd_ones, typical_rotation
-from homolog.settings import Alignment, GroomSettings
+from homolog.settings import Alignment, GroomSettings, Turn
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import cores, on_one_thread
 
@@ -50,6 +50,7 @@ class FindCandidates(Protocol):
         """Return registrations of `moving` to `fixed`; see `candidates`."""
 
 
+NO_TURNS: Mapping[str, Turn] = {}
 _OTHER_UNIT = 100.0  # ratio of sizes
 _MOST_COMPARED = 40
 """Largest number of shapes that show whether shapes are soft."""
@@ -101,6 +102,7 @@ def register(
     tick: Tick = no_tick,
     *,
     find: FindCandidates = candidates,
+    turned: Mapping[str, Turn] = NO_TURNS,
 ) -> Registration:
     """Align a cohort.
 
@@ -120,6 +122,9 @@ def register(
         Called at least every 0.2 s.
     find : callable
         Registers one shape to another.
+    turned : mapping of str to Turn, optional
+        Shapes that lie the other way round: they are turned by 180° about an axis of the reference, from the
+        orientation that is found, and registered from there.
 
     Raises
     ------
@@ -140,6 +145,12 @@ def register(
     tick(0.0, "aligning")
     is_icp = settings.alignment is Alignment.ICP
     placed = _placed(units, order, find, tick) if is_icp else []
+    half_turns = {
+        names.index(name): _half_turn(reference, axis) for name, axis in turned.items() if name in names
+    }
+    for index in half_turns if is_icp else ():
+        fit = refitted(units[index], reference, half_turns[index] @ placed[index].fit.pose)
+        placed[index] = Choice(fit, is_clear=True, other=0.0)
     for index, (unit, size, goal) in enumerate(zip(units, sizes.tolist(), goals.tolist(), strict=True)):
         pose = np.eye(4)
         if settings.alignment is Alignment.AXES:
@@ -148,6 +159,8 @@ def register(
             fit = placed[index].fit
             distances[index] = fit.distance
             pose[:3] = fit.pose[:3] / scale_of(fit.pose)
+        if not is_icp and index in half_turns:
+            pose = half_turns[index] @ pose
         pose[:3, :3] *= goal / size
         pose[:3, 3] *= goal
         pose[:3, 3] -= pose[:3, :3] @ unit.centre
@@ -157,6 +170,15 @@ def register(
     odd = odd_ones(units, distances, find, tick) if len(units) >= MIN_SUBJECTS else set()
     unclear = {index: item.other for index, item in enumerate(placed) if not item.is_clear}
     return Registration(result, notes_on(Findings(sizes, distances, _turns(result), odd, unclear)))
+
+
+def _half_turn(reference: OrientedPoints, axis: Turn) -> FloatArray:
+    """Return the rotation (4, 4) by 180° about a principal axis of a shape, through its centre."""
+    points = reference.points
+    along = np.linalg.eigh(points.T @ points)[1][:, [Turn.SHORT, Turn.MIDDLE, Turn.LONG].index(axis)]
+    turn = np.eye(4)
+    turn[:3, :3] = 2.0 * np.outer(along, along) - np.eye(3)
+    return turn
 
 
 def _placed(

@@ -1,20 +1,20 @@
 """Left and right subjects in one frame: one side is mirrored, with a note on every mirrored subject."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol, Self, TypeVar
 
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog.cohort import LEFT, RIGHT, Cohort, other_side, sides_of
+from homolog.cohort import LEFT, RIGHT, Cohort, column_of, other_side, sides_of
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
 from homolog.registration.align import FindCandidates, Registrable, Registration, register
 from homolog.registration.cache import RegistrationCache
 from homolog.registration.mirror_images import better_mirrored
-from homolog.settings import Alignment, GroomSettings, Mirror
+from homolog.settings import OWN, Alignment, GroomSettings, Mirror, OwnGrooming, Turn
 from homolog.surfaces.mirroring import MIRROR, mirrors
 from homolog.threads import on_one_thread
 
@@ -36,7 +36,10 @@ _Subject = TypeVar("_Subject", bound=Sided)
 
 
 def check_sides(cohort: Cohort, settings: GroomSettings) -> None:
-    """Raise InputError if a side is neither left nor right, or is to be mirrored where no side is known."""
+    """Raise InputError if a side is neither left nor right, or is to be mirrored where no side is known.
+
+    Also if a cell of the column ``grooming`` can't be read.
+    """
     _plan(cohort, settings, {})
 
 
@@ -134,7 +137,7 @@ def _aligned(
 ) -> tuple[Registration, set[str]]:
     """Return alignments (reflections if mirrored), and the names of subjects that fit far better reversed."""
     taken = [item.mirrored if item.name in plan.mirrored else item for item in groomed]
-    registered = register(taken, settings, part_of(tick, 0.0, 0.5), find=find)
+    registered = register(taken, settings, part_of(tick, 0.0, 0.5), find=find, turned=plan.turned)
     alignments = registered.alignments
     better: set[str] = set()
     if settings.mirror is not Mirror.OFF:
@@ -147,13 +150,25 @@ def _aligned(
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """The mirrored subjects, and notes."""
+    """The mirrored subjects, those to be turned, and notes."""
 
     mirrored: set[str]
     notes: dict[str, str]
+    turned: Mapping[str, Turn] = field(default_factory=dict)
 
 
 def _plan(cohort: Cohort, settings: GroomSettings, given: Mapping[str, FloatArray]) -> _Plan:
+    """Return what the sides say, and then what the table says of single subjects; a result stays as it is."""
+    plan = _plan_of_sides(cohort, settings, given)
+    cells = {item.name: column_of(item.columns, OWN) for item in cohort.subjects if item.name not in given}
+    own = {name: OwnGrooming.read(text, name) for name, text in cells.items() if text}
+    reverse = {name for name, item in own.items() if item.mirrored}
+    notes = plan.notes | dict.fromkeys(reverse, "mirrored, as its table says")
+    turned = {name: item.turned for name, item in own.items() if item.turned is not None}
+    return _Plan(plan.mirrored ^ reverse, notes, turned)
+
+
+def _plan_of_sides(cohort: Cohort, settings: GroomSettings, given: Mapping[str, FloatArray]) -> _Plan:
     kept = {name for name, alignment in given.items() if mirrors(alignment)}
     notes = dict.fromkeys(kept, "mirrored, as in the result")
     if settings.mirror is Mirror.OFF:

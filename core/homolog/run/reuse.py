@@ -1,14 +1,14 @@
 """Whether a project already has the result of a run."""
 
-from homolog.cohort import Cohort, sides_of
+from homolog.cohort import Cohort, column_of, sides_of
 from homolog.errors import InputError
 from homolog.grooming.cache import content_key, load_groomed
-from homolog.grooming.subject import read_source
+from homolog.grooming.subject import read_source, settings_of
 from homolog.io.project import ProjectFolder
 from homolog.io.records import IMPORTED, ResultRecord
 from homolog.progress import Tick, no_tick
 from homolog.run.result import CANCELLED
-from homolog.settings import Mirror, RunSettings
+from homolog.settings import OWN, Mirror, RunSettings
 
 __all__ = ["is_result_of"]
 
@@ -44,7 +44,8 @@ def is_result_of(project: ProjectFolder, cohort: Cohort, settings: RunSettings, 
     for index, subject in enumerate(cohort.subjects):
         tick(index / len(cohort.subjects), f"comparing {subject.name} with the result")
         try:
-            key = content_key(read_source(subject, settings.groom), settings.groom)
+            own = settings_of(subject, settings.groom)
+            key = content_key(read_source(subject, own), own)
         except InputError:
             return False  # reported by the run
         if load_groomed(project.groomed, subject.name, key) is None:
@@ -59,7 +60,8 @@ def _matches_request(result: ResultRecord, cohort: Cohort, settings: RunSettings
         result.ended not in (CANCELLED, IMPORTED)
         and (own.groom, own.optimize) == (settings.groom, settings.optimize)
         and not settings.optimize.landmarks  # the result does not store their files
-        and {subject.name for subject in result.subjects} == {subject.name for subject in cohort.subjects}
+        and {subject.name: column_of(subject.columns, OWN) for subject in result.subjects}
+        == {subject.name: column_of(subject.columns, OWN) for subject in cohort.subjects}
         and _same_sides(result, cohort, settings.groom.mirror)
     )
 

@@ -183,7 +183,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     def steps():
         for step in ("cohort", "groom", "correspond", "explore"):
             commands[f"view.{step}"].trigger()
-            wait(lambda step=step: step != "groom" or panels.groom.notes.isVisible())
+            wait(lambda step=step: step != "groom" or panels.groom.triage.isVisible())
             yield step, panels
 
     def around():

@@ -95,19 +95,19 @@ def test_names_of_compared_groups_wrap_instead_of_being_cut(qapp, wait):
     table.close()
 
 
-def test_notes_of_grooming_take_the_room_that_a_large_window_has(qapp):
-    from homolog_app.window.run_panel import GroomNotes
+def test_a_long_note_of_grooming_has_the_lines_that_it_needs(qapp):
+    from homolog_app.scenes.subjects import Triage
+    from homolog_app.window.groom_panel import TriageLists
 
-    notes = GroomNotes()
-    notes.show_notes({f"subject {number}": ["was mirrored"] for number in range(12)}, "")
-    notes.show()
-    scrolls = []
-    for height in (1000, 250):
-        notes.resize(400, height)
+    lists = TriageLists()
+    lists.show_triage(Triage({"a": ("was mirrored",), "b": ("was mirrored " * 20,)}, (), ()), "")
+    lists.resize(400, 600)
+    lists.show()
+    for _ in range(5):
         qapp.processEvents()
-        scrolls.append(notes.table.verticalScrollBar().isVisible())
-    assert scrolls == [False, True]
-    notes.close()
+    short, long = (lists.table.rowHeight(row) for row in (0, 1))
+    assert long > 2.5 * short
+    lists.close()
 
 
 def test_buttons_of_the_cohort_have_whole_names_or_none(window, qapp):

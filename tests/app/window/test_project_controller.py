@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from homolog.cohort import read_cohort
@@ -457,31 +458,46 @@ def test_one_subject_is_too_few_and_the_cohort_page_says_so(window, ellipsoids):
 
 
 @pytest.mark.window
-def test_subjects_with_notes_are_listed_in_groom_all_or_those_with_one_kind_of_note(groomed):
+def test_notes_of_few_subjects_notes_of_most_and_other_subjects_are_three_lists(groomed):
     panel, session = groomed.inspector.groom, groomed.workspace.session
-    notes, table = panel.notes, panel.notes.table
-    assert notes.isHidden()
-    for name, own in (("a", ("1 piece came loose",)), ("b", ("2 pieces came loose", "was rotated by 90°"))):
+    triage, table = panel.triage, panel.triage.table
+    notes = {"a": ("1 piece came loose",), "b": ("2 pieces came loose", "was rotated by 90°")}
+    for name, own in notes.items():
         item = session.groomed[name]
         report = replace(item.subject.report, notes=own)
         session.add_groomed({name: replace(item, subject=replace(item.subject, report=report))})
-    assert notes.isVisibleTo(panel)
-    assert notes.title.text() == "Notes on 2 of 4 subjects"
 
-    def rows():
+    def rows(place):
+        triage.heads[place].click()
         return [[table.item(row, column).text() for column in (0, 1)] for row in range(table.rowCount())]
 
-    assert rows() == [["a", "1 piece came loose"], ["b", "was rotated by 90°; 2 pieces came loose"]]
-    notes.kinds.setCurrentIndex(1)
-    notes.kinds.activated.emit(1)
-    assert rows() == [["b", "was rotated by 90°"]]
+    assert [head.text() for head in triage.heads] == ["Look at · 1", "Whole cohort · 1", "Fine · 3"]
+    assert rows(1) == [["2 subjects", "1 to 2 pieces came loose"]]
+    assert rows(2) == [["a", ""], ["c", ""], ["d", ""]]
+    assert rows(0) == [["b", "was rotated by 90°"]]
     table.setCurrentCell(0, 0)
     assert session.selection == ("b",)
     assert "Was rotated by 90°" in panel.report.text()
-    item = session.groomed["c"]
-    report = replace(item.subject.report, notes=("3 pieces came loose",))
-    session.add_groomed({"c": replace(item, subject=replace(item.subject, report=report))})
-    assert groomed.inspector.cohort.model.remarkable == {"b"}  # most have loose pieces
+    assert set(groomed.inspector.cohort.model.triage.look) == {"b"}
+
+
+@pytest.mark.window
+def test_a_cure_grooms_its_subject_alone_and_can_be_undone(groomed, wait):
+    session, cures = groomed.workspace.session, groomed.inspector.groom.cures
+    before = dict(session.groomed)
+    session.show_step("groom")
+    session.select(["b"])
+    cures.mirror.click()
+    assert not session.is_groomed
+    wait(lambda: not session.job.is_busy)
+    assert session.is_groomed
+    assert session.own_grooming("b").mirrored
+    assert np.linalg.det(session.groomed["b"].alignment[:3, :3]) < 0.0
+    assert "mirrored, as its table says" in session.groomed["b"].subject.report.notes
+    assert all(session.groomed[name].subject is before[name].subject for name in "acd")
+    session.undo.undo()
+    assert not session.is_groomed
+    assert not cures.mirror.isChecked()
 
 
 @pytest.mark.window

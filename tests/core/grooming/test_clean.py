@@ -4,6 +4,7 @@ from scipy import ndimage
 
 from homolog.grooming.clean import cleaned
 from homolog.io.images import Segmentation
+from homolog.settings import Pieces
 from homolog.surfaces.topology import without_cavities
 
 
@@ -59,3 +60,37 @@ def test_touching_the_border_is_noticed_unless_a_dropped_piece_does():
 def test_cavities_are_filled_as_scipy_fills_them(shape, share):
     solid = np.random.default_rng(0).random(shape) < share
     assert np.array_equal(without_cavities(solid), ndimage.binary_fill_holes(solid))
+
+
+def ring(across, inner, size=20):
+    away = np.linalg.norm(np.indices((size, size)) - (size - 1) / 2.0, axis=0)
+    return (away <= across) & (away >= inner)
+
+
+def test_a_cap_below_the_opening_of_a_ring_is_one_piece_with_it_in_a_stack():
+    mask = np.zeros((20, 20, 6), bool)
+    mask[..., 1:5] = ring(8.0, 5.0)[..., None]
+    mask[..., 5] = ring(3.0, 0.0)
+    stack = cleaned(segmentation(mask, (1.0, 1.0, 5.0)))
+    assert stack.components_dropped == 0
+    assert stack.segmentation.mask.sum() == mask.sum()
+    assert cleaned(segmentation(mask)).components_dropped == 1  # nothing interpolates between cubes
+
+
+def test_an_island_in_the_hole_of_its_own_slices_stays_a_piece_of_its_own():
+    mask = np.zeros((20, 20, 6), bool)
+    mask[..., 1:5] = ring(8.0, 5.0)[..., None]
+    mask[..., 2:4] |= ring(1.5, 0.0)[..., None]
+    assert cleaned(segmentation(mask, (1.0, 1.0, 5.0))).components_dropped == 1
+
+
+@pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), (1.0, 1.0, 4.0)])
+def test_all_pieces_are_joined_by_the_shortest_bridges(spacing):
+    mask = np.zeros((40, 12, 12), bool)
+    for start in (1, 14, 30):
+        mask[start : start + 8, 2:10, 2:10] = True
+    result = cleaned(segmentation(mask, spacing), Pieces.ALL)
+    assert result.components_dropped == 0
+    assert sorted(result.bridges) == [6.0, 9.0]
+    assert ndimage.label(result.segmentation.mask)[1] == 1
+    assert (result.segmentation.mask & ~mask[1:38, 2:10, 2:10]).any(axis=(1, 2)).sum() == 5 + 8
