@@ -17,8 +17,6 @@ from homolog_app.plots.groups import (
 from homolog_app.plots.model import (
     DPI,
     draw_energies,
-    draw_energy_curves,
-    draw_energy_frames,
     draw_place,
     draw_quality,
     draw_scores,
@@ -37,8 +35,6 @@ __all__ = [
     "draw_boxes",
     "draw_discriminant",
     "draw_energies",
-    "draw_energy_curves",
-    "draw_energy_frames",
     "draw_measure",
     "draw_percentiles",
     "draw_place",

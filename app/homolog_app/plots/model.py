@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from homolog.arrays import FloatArray
 from homolog.statistics.design import names_reference
 from homolog_app.rendering.colours import Colours
-from homolog_app.rendering.text import shortened
+from homolog_app.rendering.text import ENERGIES, shortened
 
 __all__ = [
     "DPI",
@@ -24,8 +24,6 @@ __all__ = [
     "LINE_PT",
     "TICK_PT",
     "draw_energies",
-    "draw_energy_curves",
-    "draw_energy_frames",
     "draw_place",
     "draw_quality",
     "draw_scores",
@@ -54,11 +52,6 @@ _QUANTILE = 5.991464547107979  # 95 % of the chi-squared distribution with two d
 _LEAST = 3  # least number of subjects for an ellipse
 _FIRST = 20  # number of first iterations, whose jumps may leave the frame
 _RISES = "Energies rise while the regularization decreases; the run has converged where they are flat."
-_MEANINGS = {
-    "Sampling": "evenness on each surface",
-    "Ensemble": "agreement across shapes",
-    "Normals": "agreement of normals",
-}
 
 
 def new_figure(width: float, height: float, colours: Colours) -> Figure:
@@ -265,24 +258,15 @@ def draw_energies(places: Sequence[Axes], rows: FloatArray, colours: Colours) ->
         Iteration, and the entropies of sampling, ensemble and normals.
     colours : Colours
     """
-    draw_energy_frames(places, rows, colours)
-    draw_energy_curves(places, rows, colours)
-
-
-def draw_energy_frames(
-    places: Sequence[Axes], rows: FloatArray, colours: Colours, ahead: float = 0.0
-) -> None:
-    """Draw `draw_energies` without the curves, with space for a fraction of further iterations."""
     figure = places[0].get_figure(root=True)
     assert figure is not None
     note = shortened(_RISES, letters(places[0], figure.bbox.width))
     figure.supxlabel(note, x=0.01, ha="left", fontsize=TICK_PT, color=colours.dim)
-    for axes, (name, meaning), values in zip(places, _MEANINGS.items(), rows.T[1:], strict=True):
+    for axes, (name, meaning), values in zip(places, ENERGIES.items(), rows.T[1:], strict=True):
         label = "energy" if axes is places[0] else ""
         dress(axes, colours, f"{name}\n{meaning}", "iteration", label)
         known = values[np.isfinite(values)]
-        first, last = float(rows[0, 0]), float(rows[-1, 0])
-        axes.set_xlim(first, last + ahead * (last - first))
+        axes.set_xlim(float(rows[0, 0]), float(rows[-1, 0]))
         if not _counts(values):
             axes.set(xticks=(), yticks=())
             axes.text(
@@ -297,21 +281,12 @@ def draw_energy_frames(
             continue
         later = known[len(known) // _FIRST :]
         low, high = float(later.min()), float(later.max())
-        room = (0.05 + ahead) * (high - low) or abs(high) * 0.05 or 1.0
+        room = 0.05 * (high - low) or abs(high) * 0.05 or 1.0
         axes.set_ylim(low - room, high + room)
         axes.ticklabel_format(useOffset=False)
-
-
-def draw_energy_curves(places: Sequence[Axes], rows: FloatArray, colours: Colours) -> list[Line2D]:
-    """Draw and return the curves of `draw_energies`; the axes keep their limits."""
-    curves = []
-    for axes, values in zip(places, rows.T[1:], strict=True):
-        if _counts(values):
-            curve = Line2D(rows[:, 0], values, color=colours.groups[0], linewidth=LINE_PT)
-            axes.add_artist(curve)
-            curve.set_clip_path(axes.patch)
-            curves.append(curve)
-    return curves
+        curve = Line2D(rows[:, 0], values, color=colours.groups[0], linewidth=LINE_PT)
+        axes.add_artist(curve)
+        curve.set_clip_path(axes.patch)
 
 
 def _counts(values: FloatArray) -> bool:

@@ -175,6 +175,7 @@ class ClipPlane(StrEnum):
     CORONAL = "coronal"
     SAGITTAL = "sagittal"
     VIEW = "view"
+    FREE = "free"
 
 
 _ALONG = {
@@ -182,7 +183,7 @@ _ALONG = {
     ClipPlane.CORONAL: np.array([0.0, 1.0, 0.0]),
     ClipPlane.SAGITTAL: np.array([1.0, 0.0, 0.0]),
 }
-_KEPT = {ClipPlane.AXIAL: -1.0, ClipPlane.CORONAL: 1.0, ClipPlane.SAGITTAL: 1.0, ClipPlane.VIEW: 1.0}
+_KEPT = {ClipPlane.AXIAL: -1.0, ClipPlane.CORONAL: 1.0, ClipPlane.SAGITTAL: 1.0}
 
 
 class Clip(BaseModel):
@@ -193,9 +194,13 @@ class Clip(BaseModel):
     plane : ClipPlane
         Orientation of the plane; a view plane faces the camera and rotates with it.
     position : float
-        Position: 0 at the feet, the front, the right or the viewer, 1 at the opposite end.
+        Position: 0 at the feet, the front, the right or the viewer, 1 at the opposite end; from 0 to 1 along
+        the normal of a free plane.
     flipped : bool
-        Whether to remove the other side instead of that of the head, the front, the right or the viewer.
+        Whether to remove the other side instead of that of the head, the front, the right or the viewer, or
+        the one away from which the normal of a free plane points.
+    normal : tuple of 3 float
+        Unit normal of a free plane, towards the part that is kept.
     box : tuple of 6 float or None
         Extent to which the position refers [mm]; None for that of the shapes.
     """
@@ -205,7 +210,16 @@ class Clip(BaseModel):
     plane: ClipPlane = ClipPlane.AXIAL
     position: Annotated[float, Field(ge=0.0, le=1.0)] = 0.5
     flipped: bool = False
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
     box: Box | None = None
+
+    @classmethod
+    def free(cls, normal: FloatArray, origin: FloatArray, box: Box) -> "Clip":
+        """Return the plane through a point, with a normal towards the part that is kept."""
+        low, high = np.reshape(np.array(box), (3, 2)).T
+        reach = float(np.abs(normal) @ (high - low) / 2.0)
+        share = (1.0 + float((origin - (low + high) / 2.0) @ normal) / max(reach, 1e-9)) / 2.0
+        return cls(plane=ClipPlane.FREE, normal=_triple(normal), position=min(max(share, 0.0), 1.0), box=box)
 
     def cut(self, box: Box, ahead: FloatArray) -> Cut:
         """Return the plane.
@@ -218,11 +232,12 @@ class Clip(BaseModel):
             Unit view direction.
         """
         low, high = np.reshape(np.array(self.box or box), (3, 2)).T
-        along = _ALONG.get(self.plane, ahead)
+        free = np.array(self.normal) if self.plane is ClipPlane.FREE else ahead
+        along = _ALONG.get(self.plane, free)
         half = (high - low) / 2.0
         reach = float(np.linalg.norm(half)) if self.plane is ClipPlane.VIEW else float(np.abs(along) @ half)
         origin = (low + high) / 2.0 + (2.0 * self.position - 1.0) * reach * along
-        side = _KEPT[self.plane] * (-1.0 if self.flipped else 1.0)
+        side = _KEPT.get(self.plane, 1.0) * (-1.0 if self.flipped else 1.0)
         return side * along, origin
 
 

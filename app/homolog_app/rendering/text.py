@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.text import Text
 
 __all__ = [
+    "ENERGIES",
     "complete_text",
     "complete_texts",
     "direction_letters",
@@ -35,6 +36,13 @@ __all__ = [
     "written",
 ]
 
+
+ENERGIES = {
+    "Sampling": "evenness on each surface",
+    "Ensemble": "agreement across shapes",
+    "Normals": "agreement of normals",
+}
+"""The terms of the objective, and what each stands for."""
 
 _USUAL = "DejaVu Sans"
 _BOX = "□"

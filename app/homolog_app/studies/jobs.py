@@ -38,6 +38,7 @@ __all__ = [
 ]
 
 _log = logging.getLogger(__name__)
+_COMPILING = "compiling, once on this machine"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +51,7 @@ class Devices:
 
 def prepare(tick: Tick) -> Devices:
     """Import heavy modules and compile the kernels, so that the first run starts without delay."""
-    tick(0.0, "preparing compute kernels (first start only)")
+    tick(0.0, "loading compute kernels")
     import matplotlib.font_manager  # noqa: F401 - lists the system's fonts, for names of other scripts
     import warp
 
@@ -68,9 +69,20 @@ def prepare(tick: Tick) -> Devices:
     kernels = [item for module in ours for item in vars(module).values() if isinstance(item, warp.Kernel)]
     modules = sorted({kernel.module.name for kernel in kernels})
     for number, module in enumerate(modules):
-        tick(number / len(modules), "preparing compute kernels (first start only)")
+        tick(
+            number / len(modules), _COMPILING if _is_missing(module, automatic) else "loading compute kernels"
+        )
         warp.load_module(module, device=automatic)
     return Devices(names, automatic)
+
+
+def _is_missing(module: str, device: str) -> bool:
+    """Return whether kernels of a module have not been compiled on this machine for a device."""
+    import warp
+
+    block = 1 if device == "cpu" else None  # Warp's number of threads in a block of a CPU
+    name = warp.get_module(module).get_module_identifier(block)
+    return not (Path(warp.config.kernel_cache_dir) / name).exists()
 
 
 def read_files(

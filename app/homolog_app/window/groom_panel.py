@@ -7,6 +7,7 @@ from PySide6.QtWidgets import (
     QGridLayout,
     QHBoxLayout,
     QHeaderView,
+    QPushButton,
     QTableWidget,
     QTableWidgetItem,
     QVBoxLayout,
@@ -83,8 +84,11 @@ class GroomPanel(Panel):
         for below in (self.form.help, self.progress, self.go, self.proceed):
             self.footer.addWidget(below)
         for signal in (
-            session.study_changed, session.groomed_changed, session.result_changed, session.selection_changed,
-        ):  # fmt: skip
+            session.study_changed,
+            session.groomed_changed,
+            session.result_changed,
+            session.selection_changed,
+        ):
             signal.connect(self._show)
         self._show()
 
@@ -163,7 +167,7 @@ class Cures(QWidget):
         grid.addWidget(self.again, 3, 0, 1, 2)
         self._again.changed.connect(self._follow)
 
-    def _toggle(self, text: str, tip: str) -> QWidget:
+    def _toggle(self, text: str, tip: str) -> QPushButton:
         result = button(text, "pick")
         result.setCheckable(True)
         result.setToolTip(tip)
@@ -233,11 +237,11 @@ class TriageLists(QWidget):
         self.table.setSelectionMode(QTableWidget.SelectionMode.SingleSelection)
         self.table.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
         self.table.setWordWrap(True)
-        head = self.table.horizontalHeader()
-        head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        head.setSectionResizeMode(0, QHeaderView.ResizeMode.ResizeToContents)
-        head.setMaximumSectionSize(scaled(_NAME_PX))
-        head.setStretchLastSection(True)
+        titles = self.table.horizontalHeader()
+        titles.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        titles.setSectionResizeMode(0, QHeaderView.ResizeMode.ResizeToContents)
+        titles.setMaximumSectionSize(scaled(_NAME_PX))
+        titles.setStretchLastSection(True)
         self.empty = label("", "Hint", wrap=True)
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)

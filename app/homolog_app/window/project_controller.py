@@ -24,7 +24,7 @@ from homolog_app.studies.files import (
     suggested_folder,
 )
 from homolog_app.studies.loaded_result import write_from_memory
-from homolog_app.studies.study import FILES, Study, read_subjects, readings_of, with_table
+from homolog_app.studies.study import FILES, Reading, Study, read_subjects, readings_of, with_table
 from homolog_app.window.actions import Actions
 from homolog_app.window.dialogs import ask, wait_until, waited
 from homolog_app.window.explore.panel import ExplorePanel
@@ -100,11 +100,16 @@ class ProjectController(Controller):
 
     def _open_folder(self, folder: Path) -> None:
         """Add the subjects of a folder; what it means is chosen where its layout does not tell."""
-        readings = waited(self._window, f"Reading {folder.name}…", lambda: readings_of(folder))
+        is_new = not self._workspace.session.is_open
+
+        def read() -> tuple[list[Reading], list[Path]]:
+            readings = readings_of(folder)
+            is_whole = is_new and readings[0].is_sure
+            return readings, tables_beside(readings[0].cohort) if is_whole else []
+
+        readings, tables = waited(self._window, f"Reading {folder.name}…", read)
         if readings[0].is_sure:
-            is_new = not self._workspace.session.is_open
             self._take(readings[0].cohort)
-            tables = tables_beside(readings[0].cohort) if is_new else []
             if tables:
                 self.import_table(tables[0])
             return

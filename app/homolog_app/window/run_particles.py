@@ -4,18 +4,20 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QObject, Signal, Slot
-from PySide6.QtGui import QAction
+from PySide6.QtCore import QObject, QPointF, QRectF, Qt, Signal, Slot
+from PySide6.QtGui import QAction, QColor, QPainter, QPaintEvent, QPen, QPolygonF
+from PySide6.QtWidgets import QWidget
 
 from homolog.arrays import Array, FloatArray
+from homolog_app.rendering.text import ENERGIES, short
 from homolog_app.scenes.subjects import moment_of, realigned
 from homolog_app.window.explore.controls import Pace
 from homolog_app.window.explore.plot import Plot
 from homolog_app.window.theme import Theme
+from homolog_app.window.widgets import GRID
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
     from homolog.correspondence.types import Frame
@@ -24,11 +26,13 @@ if TYPE_CHECKING:
 __all__ = ["EnergyCurves", "RunParticles"]
 
 _MOST_POINTS = 400
-_AHEAD = 0.25  # space for further iterations, as a fraction of those done
+_JUMPS = 20  # the first twentieth of the iterations, whose jumps may leave the frame
 
 
 class RunParticles(QObject):
     """Particles of a run for the views. A timer polls its newest frame; `moved` says whether the run is live.
+
+    `began` is emitted when a run begins.
 
     Attributes
     ----------
@@ -41,6 +45,7 @@ class RunParticles(QObject):
     """
 
     moved = Signal(bool)
+    began = Signal()
 
     def __init__(self, workspace: Workspace, play: QAction, stage: "Stage", curves: "EnergyCurves") -> None:
         super().__init__(stage)
@@ -102,6 +107,7 @@ class RunParticles(QObject):
             self._stage.footer.show_frames(0)
             self.frame = None
             self._look.start()
+            self.began.emit()
         elif not running and self._look.isActive():
             self._look.stop()
             self.set_result()
@@ -147,14 +153,19 @@ class RunParticles(QObject):
 
 
 class EnergyCurves(Plot):
-    """The terms of the objective over the iterations."""
+    """The terms of the objective over the iterations; those of a run in progress are painted without axes.
+
+    Matplotlib would take half a second for each picture of a run, whose computation holds Python's lock.
+    """
 
     def __init__(self, theme: Theme) -> None:
         super().__init__(
             theme, "Energies", "The three energies appear here while particles are being placed."
         )
         self._rows: FloatArray = np.empty((0, 4))
-        self._ahead = 0.0
+        self._sketch = _Sketch(theme)
+        self._layers.addWidget(self._sketch)
+        self._is_live = False
 
     @property
     def is_empty(self) -> bool:
@@ -162,36 +173,71 @@ class EnergyCurves(Plot):
         return len(np.unique(self._rows[:, 0])) < 2
 
     def show_rows(self, rows: FloatArray | Sequence[Sequence[float]], *, is_live: bool = False) -> None:
-        """Show energies (T, 4): iteration and three terms; live ones leave room for further iterations."""
+        """Show energies (T, 4), iteration and three terms, of a run that has ended or is live."""
         table = np.asarray(rows, dtype=np.float64).reshape(-1, 4)
         is_new = np.diff(table[:, 1:], axis=0).any(axis=1)  # frames repeat values between evaluations
         table = table[np.concatenate([np.ones(min(len(table), 1), dtype=bool), is_new])]
         every = max(1, len(table) // _MOST_POINTS)
         self._rows = np.concatenate([table[::every], table[-1:]]) if len(table) else table
-        if is_live and self._ahead and self._fits():
-            self.follow()
+        self._is_live = is_live
+        if is_live:
+            self._sketch.show_rows(self._rows)
+            self._show_layer()
         else:
-            self._ahead = _AHEAD if is_live else 0.0
             self.redraw()
 
+    def _show_layer(self) -> None:
+        if self._is_live and not self.is_empty:
+            self._layers.setCurrentWidget(self._sketch)
+        else:
+            super()._show_layer()
+
     def draw(self, figure: "Figure") -> None:
-        """Draw the frames."""
-        from homolog_app.plots import draw_energy_frames
+        """Draw the curves with their axes."""
+        from homolog_app.plots import draw_energies
 
-        draw_energy_frames(figure.subplots(1, 3), self._rows, self.theme.colours, self._ahead)
+        draw_energies(figure.subplots(1, 3), self._rows, self.theme.colours)
 
-    def draw_moving(self, figure: "Figure") -> "Sequence[Artist]":
-        """Draw the curves."""
-        from homolog_app.plots import draw_energy_curves
 
-        return draw_energy_curves(figure.axes, self._rows, self.theme.colours)
+class _Sketch(QWidget):
+    """Three curves side by side, each with its name and last value."""
 
-    def _fits(self) -> bool:
-        """Whether the newest values are within the frames that were drawn."""
-        axes = self.canvas.figure.axes if self.canvas is not None else []
-        iteration, *values = self._rows[-1].tolist()
-        return bool(axes) and all(
-            frame.viewLim.x0 <= self._rows[0, 0] and frame.viewLim.contains(iteration, value)
-            for frame, value in zip(axes, values, strict=True)
-            if np.isfinite(value) and value
-        )
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self._theme = theme
+        self._rows: FloatArray = np.empty((0, 4))
+
+    def show_rows(self, rows: FloatArray) -> None:
+        """Show energies (T, 4)."""
+        self._rows = rows
+        self.update()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Paint the curves."""
+        painter, colours = QPainter(self), self._theme.colours
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        line, width = painter.fontMetrics().height(), self.width() / len(ENERGIES)
+        for place, (name, meaning) in enumerate(ENERGIES.items()):
+            values = self._rows[:, 1 + place]
+            known = np.isfinite(values)
+            box = QRectF(place * width + GRID, GRID, width - 2 * GRID, self.height() - 2 * GRID)
+            painter.setPen(QColor(colours.text))
+            painter.drawText(box, Qt.AlignmentFlag.AlignTop, name)
+            painter.setPen(QColor(colours.dim))
+            painter.drawText(box.adjusted(0, line, 0, 0), Qt.AlignmentFlag.AlignTop, meaning)
+            if not known.any() or not values[known].any():
+                continue
+            last = short(float(values[known][-1]))
+            painter.drawText(box, Qt.AlignmentFlag.AlignTop | Qt.AlignmentFlag.AlignRight, last)
+            field = box.adjusted(0, 2 * line + GRID, 0, 0)
+            later = values[known][np.count_nonzero(known) // _JUMPS :]
+            low, high = float(later.min()), float(later.max())
+            shares = (np.clip(values[known], low, high) - low) / ((high - low) or 1.0)
+            times = self._rows[known, 0]
+            across = (times - times[0]) / max(float(times[-1] - times[0]), 1.0)
+            xs, ys = field.left() + across * field.width(), field.bottom() - shares * field.height()
+            painter.setPen(QPen(QColor(colours.line), 1.0))
+            painter.drawLine(field.bottomLeft(), field.bottomRight())
+            painter.setPen(QPen(QColor(colours.groups[0]), 1.6))
+            painter.drawPolyline(QPolygonF([QPointF(x, y) for x, y in zip(xs, ys, strict=True)]))
+        painter.end()

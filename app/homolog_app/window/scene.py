@@ -10,6 +10,7 @@ from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, QSize, Qt, QTimer, 
 from PySide6.QtGui import QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from pyvistaqt import QtInteractor
+from vtkmodules.vtkInteractionWidgets import vtkImplicitPlaneRepresentation, vtkImplicitPlaneWidget2
 from vtkmodules.vtkRenderingCore import vtkCellPicker  # pyvista picks with a plotter, not in a renderer
 
 from homolog.arrays import Array, FloatArray
@@ -201,6 +202,53 @@ def aim(camera: Any, place: FloatArray, normal: FloatArray, height: float) -> No
     camera.SetParallelScale(height / 2.0)
 
 
+class PlaneHandle:
+    """VTK's handle of a plane: drag its arrow to turn the plane, its middle to move it.
+
+    Parameters
+    ----------
+    plot : Interactor
+    turned : callable
+        Receives the unit normal (3,) and a point (3,) of the plane.
+    """
+
+    def __init__(self, plot: Interactor, turned: "Callable[[FloatArray, FloatArray], object]") -> None:
+        self._turned = turned
+        self._plane: Any = vtkImplicitPlaneRepresentation()
+        self._plane.SetPlaceFactor(1.0)
+        self._plane.SetDrawPlane(False)
+        self._plane.SetDrawOutline(False)
+        self._plane.SetOutlineTranslation(False)
+        self._plane.SetScaleEnabled(False)
+        self._plane.SetConstrainToWidgetBounds(True)
+        self._widget: Any = vtkImplicitPlaneWidget2()
+        self._widget.SetRepresentation(self._plane)
+        self._widget.SetInteractor(plot.ren_win.GetInteractor())
+        self._observer = self._widget.AddObserver("InteractionEvent", self._follow)
+
+    def show(self, renderer: Any, box: Box, normal: FloatArray, origin: FloatArray) -> None:  # noqa: ANN401
+        """Show the handle in a view, with the plane's unit normal and a point of it."""
+        self._widget.SetDefaultRenderer(renderer)
+        self._plane.PlaceWidget(box)
+        self._plane.SetNormal(*normal)
+        self._plane.SetOrigin(*origin)
+        self._widget.On()
+
+    def hide(self) -> None:
+        """Hide the handle."""
+        if self._widget.GetEnabled():
+            self._widget.Off()
+
+    def close(self) -> None:
+        """Release the graphics."""
+        self._widget.RemoveObserver(self._observer)
+        self.hide()
+        self._widget.SetInteractor(None)
+
+    def _follow(self, *_: object) -> None:
+        self._turned(np.array(self._plane.GetNormal()), np.array(self._plane.GetOrigin()))
+
+
 class ColourBar(QWidget):
     """Shows the colour scale as saved pictures do. A click asks for another range."""
 
@@ -296,6 +344,7 @@ class Scene(QWidget):
 
     page_changed = Signal()
     display_changed = Signal()
+    plane_turned = Signal(object)
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -316,6 +365,7 @@ class Scene(QWidget):
         )
         self.grid = Grid(window)
         self.picker = Picker(self.plot, self.grid.cells, self.grid.particles_of)
+        self.handle, self._turning = PlaneHandle(self.plot, self._turn_plane), False
         self.displayed = ViewContents(())
         self._reported = (-1, 0, 0)
         self._focus: tuple[str, int, FloatArray] | None = None
@@ -408,7 +458,32 @@ class Scene(QWidget):
         if display != before:
             self.grid.show(display)
             self._refresh()
+            if display.clip is not before.clip and not self._turning:
+                self._place_handle()
             self.display_changed.emit()
+
+    @property
+    def principal_axes(self) -> FloatArray | None:
+        """The long, middle and short axis (3, 3) of the first shape of the page; None without one."""
+        cell = self.grid.cells[0]
+        if not len(cell.vertices):
+            return None
+        return np.asarray(np.linalg.svd(cell.vertices - cell.vertices.mean(axis=0), full_matrices=False)[2])
+
+    def _place_handle(self) -> None:
+        """Show the handle of a plane that is not anatomical in the first view."""
+        clip, box, cell = self.grid.display.clip, self.grid.box or self.grid.bounds, self.grid.cells[0]
+        if clip is None or clip.plane is not ClipPlane.FREE or box is None:
+            self.handle.hide()
+        else:
+            self.handle.show(cell.renderer, clip.box or box, *clip.cut(box, cell.axes[2]))
+
+    def _turn_plane(self, normal: FloatArray, origin: FloatArray) -> None:
+        box = self.grid.box or self.grid.bounds
+        if box is not None:
+            self._turning = True  # the handle is where it was dragged
+            self.plane_turned.emit(Clip.free(normal, origin, box))
+            self._turning = False
 
     def show_particles(
         self, particles: Mapping[str, FloatArray], tints: Array | None = None, *, live: bool = False
@@ -535,16 +610,13 @@ class Scene(QWidget):
         self.plot.update()
 
     def _plane_before(self, cell: "ViewCell", place: FloatArray, toward: FloatArray, box: Box) -> Clip | None:
-        """Return the plane facing the camera in front of a point, if a surface hides the point."""
+        """Return the plane in front of a point that a surface hides; it stays when the view turns."""
         ahead = (cell.vertices - place) @ toward
         aside = np.linalg.norm(cell.vertices - place - ahead[:, None] * toward, axis=1)
         room = 4.0 * self.grid.radius
         if not ((aside < 0.5 * room) & (ahead > room)).any():
             return None
-        low, high = np.reshape(box, (3, 2)).T
-        depth = ((low + high) / 2.0 - place) @ toward - 0.5 * room
-        share = (1.0 + depth / float(np.linalg.norm(high - low) / 2.0)) / 2.0
-        return Clip(plane=ClipPlane.VIEW, position=float(np.clip(share, 0.0, 1.0)), box=box)
+        return Clip.free(-toward, place + 0.5 * room * toward, box)
 
     def paint(self, colours: Colours) -> None:
         """Apply the colours of the scheme."""
@@ -581,6 +653,7 @@ class Scene(QWidget):
     def close_scene(self) -> None:
         """Release all VTK objects before the window closes."""
         self.refine_timer.stop()
+        self.handle.close()
         self.plot.removeEventFilter(self.picker)  # it would receive events of the half destroyed widget
         window: Any = self.plot.ren_win
         if window is not None:

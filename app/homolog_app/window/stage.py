@@ -2,7 +2,8 @@
 
 from collections.abc import Callable
 
-from PySide6.QtCore import QSize, Qt, Signal, Slot
+import numpy as np
+from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal, Slot
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QCheckBox,
@@ -258,11 +259,17 @@ class RangeDialog(QDialog):
             self._receive((low, high))
 
 
+_AXES = ("long", "middle", "short")
+_HAND = "hand"
 _PLANES = {
     "Axial": ClipPlane.AXIAL,
     "Coronal": ClipPlane.CORONAL,
     "Sagittal": ClipPlane.SAGITTAL,
     "Facing the camera": ClipPlane.VIEW,
+    "Across the long axis": "long",
+    "Along it, broad section": "short",
+    "Along it, narrow section": "middle",
+    "By hand": _HAND,
 }
 _ENDS = {
     ClipPlane.AXIAL: ("I", "S"),
@@ -274,16 +281,26 @@ _STEPS = 200
 
 
 class ClipBar(QFrame):
-    """Orientation and position of the plane, and the removed side."""
+    """Orientation and position of the plane, and the removed side.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its shapes have the axes of some planes, and its handle turns those that are not anatomical.
+    """
 
     changed = Signal()
 
-    def __init__(self) -> None:
+    def __init__(self, scene: Scene) -> None:
         super().__init__()
         self.setObjectName("ViewBar")
+        self._scene = scene
+        self._normal = np.array([0.0, 0.0, 1.0])
         self.plane = choice("Cutting plane", _PLANES)
         self.plane.setMinimumContentsLength(14)
-        self.plane.setToolTip("Orientation of the cutting plane; the same for all shapes")
+        self.plane.setToolTip(
+            "Orientation of the cutting plane; the same for all shapes. Drag its arrow to turn it."
+        )
         self.position = QSlider(Qt.Orientation.Horizontal)
         self.position.setRange(0, _STEPS)
         self.position.setValue(_STEPS // 2)
@@ -302,29 +319,57 @@ class ClipBar(QFrame):
         row.addWidget(self.plane)
         for widget in (self.low, self.position, self.high, self.percent, label("%", "Unit"), self.flip):
             row.addWidget(widget, 1 if widget is self.position else 0)
-        self.plane.currentIndexChanged.connect(self._follow)
+        self.plane.currentIndexChanged.connect(self.face)
         self.position.valueChanged.connect(self._follow)
         self.flip.toggled.connect(self._follow)
+        scene.plane_turned.connect(self._take)
         self._follow()
         self.hide()
 
     @property
     def clip(self) -> Clip:
         """The chosen plane."""
+        plane = self.plane.currentData()
+        x, y, z = self._normal.tolist()
         return Clip(
-            plane=self.plane.currentData(),
+            plane=ClipPlane.FREE if plane in (*_AXES, _HAND) else plane,
             position=self.position.value() / _STEPS,
             flipped=self.flip.isChecked(),
+            normal=(x, y, z),
         )
 
     @Slot()
+    def face(self) -> None:
+        """Turn the plane as chosen, and remove the side of the viewer."""
+        plane, axes = self.plane.currentData(), self._scene.principal_axes
+        if plane in _AXES and axes is not None:
+            self._normal = axes[_AXES.index(plane)]
+        ahead = self._scene.grid.cells[0].axes[2]
+        kept, _ = self.clip.model_copy(update={"flipped": False}).cut((-1.0, 1.0) * 3, ahead)
+        with QSignalBlocker(self.flip):
+            self.flip.setChecked(bool(kept @ ahead < -_SIDEWAYS))
+        self._follow()
+
+    @Slot(object)
+    def _take(self, clip: Clip) -> None:
+        """Follow the handle."""
+        self._normal = np.array(clip.normal)
+        with QSignalBlocker(self.plane), QSignalBlocker(self.position), QSignalBlocker(self.flip):
+            self.plane.setCurrentIndex(list(_PLANES.values()).index(_HAND))
+            self.position.setValue(round(_STEPS * clip.position))
+            self.flip.setChecked(False)
+        self.percent.show_value(100.0 * clip.position)
+        self._follow()
+
+    @Slot()
     def _follow(self) -> None:
-        low, high = _ENDS[self.plane.currentData()]
+        low, high = _ENDS.get(self.plane.currentData(), ("", ""))
         self.low.setText(low)
         self.high.setText(high)
         self.changed.emit()
 
 
+_SIDEWAYS = 1e-6
 _NARROWEST = 160
 
 
@@ -335,9 +380,9 @@ class Stage(QWidget):
         super().__init__()
         self.bar = ViewBar(actions)
         self.footer = ViewFooter(actions)
-        self.clip = ClipBar()
         self.slices = SliceView(theme)
         self.scene = Scene(self)
+        self.clip = ClipBar(self.scene)
         self._theme = theme
         self._sign = QLabel(alignment=Qt.AlignmentFlag.AlignHCenter)
         self._title = label("", "EmptyTitle")

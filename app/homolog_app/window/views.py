@@ -67,6 +67,7 @@ class Views(QObject):
         stage.clip.changed.connect(self._cut)
         self._bar.clicked.connect(lambda: commands["view.range"].trigger())
         self.run.moved.connect(self._show_run)
+        self.run.began.connect(self._uncover_run)
         stage.scene.page_changed.connect(self._update_page)
         session = self._session
         for signal in (
@@ -107,7 +108,7 @@ class Views(QObject):
             "view.link": lambda: scene.set_linked(commands["view.link"].isChecked()),
             "view.reset": scene.fit,
             "view.slice": self._switch_slices,
-            "view.clip": self._cut,
+            "view.clip": self._begin_cut,
             "view.letters": lambda: scene.change(letters=commands["view.letters"].isChecked()),
             "view.scale_bar": lambda: scene.change(scale_bar=commands["view.scale_bar"].isChecked()),
             "view.range": self.choose_range,
@@ -375,6 +376,15 @@ class Views(QObject):
             self.stage.scene.show_particles(self.run.particles, self.run.tints, live=live)
 
     @Slot()
+    def _uncover_run(self) -> None:
+        """Show the particles of a run that begins, whatever was shown before."""
+        slices = self._commands["view.slice"]
+        if slices.isChecked():
+            slices.setChecked(False)
+            self._switch_slices()
+        self.stage.scene.change(particles=True, clip=None)
+
+    @Slot()
     def _follow_selection(self) -> None:
         if self._session.selection:
             self.stage.scene.show_name(self._session.selection[0])
@@ -400,6 +410,13 @@ class Views(QObject):
         self.stage.bar.opacity.setValue(round(100.0 * display.opacity))
         self._commands["view.clip"].setChecked(display.clip is not None)
         self.stage.clip.setVisible(display.clip is not None and not self.hides_views)
+
+    def _begin_cut(self) -> None:
+        """Cut the shapes open on the side of the viewer, or leave them whole."""
+        if self._commands["view.clip"].isChecked():
+            self.stage.clip.face()
+        else:
+            self._cut()
 
     @Slot()
     def _cut(self) -> None:

@@ -40,6 +40,8 @@ __all__ = ["Work"]
 
 _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
+_COMPUTED = ("groom", "run")
+"""Jobs that wait until the kernels are compiled, which they would do themselves without a word."""
 _Order = tuple[str, RunJob | Callable[[Tick], Any], str, Callable[[Any], object]]
 
 
@@ -81,7 +83,8 @@ class Work(QObject):
         run, kind, following, status = self.runner.job, self._kind, "", self._status
         if self._next is not None:
             kind = following = self._next[0]
-            status = TaskStatus(message=self._next[2] or "starting")
+            now = self.runner.job if self._kind == "prepare" else None
+            status = TaskStatus(message=now.status.message if now else self._next[2] or "starting")
         self.session.job = Job(
             kind, following, status, background, run if isinstance(run, RunJob) else None, self._kept
         )
@@ -224,7 +227,8 @@ class Work(QObject):
         if self.runner.job is not None:
             if not self.session.job.is_busy:
                 self._next = (kind, work, message, take)
-                self.runner.cancel()
+                if not (self._kind == "prepare" and kind in _COMPUTED):
+                    self.runner.cancel()
             self._publish()
         else:
             self._kind, self._then, self._generation = kind, take, self.session.generation

@@ -274,7 +274,8 @@ class Workspace(QObject):
         self.work.groom_one(self.session.selection[0], self.project)
 
     def run(self, *, resume: bool = False, from_result: bool = False) -> None:
-        """Place the particles, and record in the journal that a run is in progress."""
+        """Place the particles where they can be watched, and record in the journal that a run goes on."""
+        self.session.show_step("correspond")
         self.work.run(self.project, resume=resume, from_result=from_result)
         self.write_journal()
 

@@ -56,6 +56,7 @@ def cleaned(segmentation: Segmentation, pieces: Pieces = Pieces.LARGEST) -> Clea
     """
     box = box_of(segmentation.mask)
     mask: BoolArray = segmentation.mask[box]
+    labels: IntArray
     labels, count = ndimage.label(mask, _ANY_NEIGHBOUR)
     bridges: tuple[float, ...] = ()
     if count > 1:
@@ -129,7 +130,8 @@ def _bridged(
     for _ in range(count - 1):
         joined = np.flatnonzero(owners == last)
         left &= owners != last
-        apart, there = KDTree(rims[joined] * spacing).query(rims[left] * spacing)
+        tree = KDTree(rims[joined] * spacing)
+        apart, there = (np.asarray(item) for item in tree.query(rims[left] * spacing))
         closer = np.flatnonzero(left)[apart < far[left]]
         nearest[closer], far[closer] = joined[there[apart < far[left]]], apart[apart < far[left]]
         end = int(np.flatnonzero(left)[np.argmin(far[left])])

@@ -1,5 +1,6 @@
 """Left and right subjects in one frame: one side is mirrored, with a note on every mirrored subject."""
 
+import hashlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from homolog.cohort import LEFT, RIGHT, Cohort, column_of, other_side, sides_of
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
 from homolog.registration.align import FindCandidates, Registrable, Registration, register
-from homolog.registration.cache import RegistrationCache
+from homolog.registration.cache import VERSION, RegistrationCache
 from homolog.registration.mirror_images import better_mirrored
 from homolog.settings import OWN, Alignment, GroomSettings, Mirror, OwnGrooming, Turn
 from homolog.surfaces.mirroring import MIRROR, mirrors
@@ -88,12 +89,13 @@ def align_cohort(
     given = known or {}
     plan = _plan(cohort, settings, given)
     registrations = RegistrationCache(cache)
-    find = registrations.candidates
-    registered, better = _aligned(groomed, plan, settings, given, find, tick)
-    registrations.save()
+    key = _key_of(groomed, plan, settings, given, is_sided=bool(sides_of(cohort)))
+    kept = registrations.whole(key)
+    if kept is not None and len(kept[1]) == len(groomed):
+        return [item.with_notes(notes) for item, notes in zip(groomed, kept[1], strict=True)], kept[0]
+    registered, better = _aligned(groomed, plan, settings, given, registrations.candidates, tick)
     remedy = _WRONG_SIDE if sides_of(cohort) else _NO_SIDES
-    copies = copies_of(groomed)
-    result = []
+    copies, all_notes = copies_of(groomed), []
     for item, registered_as in zip(groomed, registered.notes, strict=True):
         notes = [plan.notes[item.name]] if item.name in plan.notes else []
         if item.name in copies:
@@ -104,8 +106,32 @@ def align_cohort(
             )
         elif registered_as is not None:
             notes.append(registered_as)
-        result.append(item.with_notes(notes))
-    return result, registered.alignments
+        all_notes.append(notes)
+    registrations.keep_whole(key, registered.alignments, all_notes)
+    registrations.save()
+    aligned = [item.with_notes(notes) for item, notes in zip(groomed, all_notes, strict=True)]
+    return aligned, registered.alignments
+
+
+def _key_of(
+    groomed: Sequence[Registrable],
+    plan: "_Plan",
+    settings: GroomSettings,
+    given: Mapping[str, FloatArray],
+    *,
+    is_sided: bool,
+) -> str:
+    """Return a hash of all that alignments and their notes depend on."""
+    digest = hashlib.blake2b(VERSION.encode(), digest_size=16)
+    plans = sorted(plan.mirrored), sorted(plan.notes.items()), sorted(plan.turned.items()), is_sided
+    digest.update(repr((settings.alignment, settings.scaling, settings.mirror, plans)).encode())
+    for name, place in given.items():
+        digest.update(name.encode() + np.ascontiguousarray(place).tobytes())
+    for item in groomed:
+        digest.update(f"{item.name}/{len(item.coarse_mesh.vertices)}".encode())
+        digest.update(np.ascontiguousarray(item.coarse_mesh.vertices).tobytes())
+        digest.update(np.ascontiguousarray(item.coarse_mesh.faces).tobytes())
+    return digest.hexdigest()
 
 
 def copies_of(groomed: Iterable[Registrable]) -> dict[str, str]:

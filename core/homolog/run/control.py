@@ -14,10 +14,10 @@ _SHARES = {
     Phase.ALIGNING: 0.02,
     Phase.GEODESICS: 0.15,
     Phase.SPLITTING: 0.15,
-    Phase.OPTIMIZING: 0.43,
+    Phase.OPTIMIZING: 0.395,
     Phase.FITTING: 0.0,  # without a core set
     Phase.MODELING: 0.015,
-    Phase.WRITING: 0.015,
+    Phase.WRITING: 0.05,
 }
 """Cumulative shares of the phases in the time of a typical run, for the overall fraction."""
 
@@ -25,6 +25,7 @@ _FITS_SHARE = 0.5
 """Shares for a run that fits most subjects to a core set."""
 _REPORT_S = 0.1
 _ETA_AFTER_S = 2.0
+_EARLIER, _WITHIN = 2.0 / 3.0, 0.2
 
 
 class Control:
@@ -43,6 +44,7 @@ class Control:
         self._shares = _SHARES
         self._entered = self._reported = time.monotonic()
         self._eta_origin = (self._entered, 0.0)
+        self._estimates: list[tuple[float, float]] = []
 
     @property
     def status(self) -> RunStatus:
@@ -122,12 +124,24 @@ class Control:
         """Exclude waiting time from times and estimates."""
         self._entered += idle
         self._eta_origin = (self._eta_origin[0] + idle, self._eta_origin[1])
+        self._estimates = [(then + idle, left) for then, left in self._estimates]
         self._reported = 0.0
         self._status = replace(self._status, paused=False)
 
     def _eta(self, now: float, whole: float) -> float | None:
-        """Return the seconds left at the mean speed so far, with the shares of a typical run."""
+        """Return the seconds left at the mean speed so far, with the shares of a typical run.
+
+        None while the estimate does not hold: the one at two thirds of the time so far must have predicted
+        the same end, within a fifth of the time that it gave.
+        """
         begun, start = self._eta_origin
         if now - begun < _ETA_AFTER_S or whole - start < 0.01:
             return None
-        return (now - begun) * (1.0 - whole) / (whole - start)
+        left = (now - begun) * (1.0 - whole) / (whole - start)
+        self._estimates = [item for item in self._estimates if item[0] >= begun]
+        earlier = [item for item in self._estimates if item[0] - begun <= _EARLIER * (now - begun)]
+        self._estimates.append((now, left))
+        if not earlier:
+            return None
+        then, before = earlier[-1]
+        return left if abs(now + left - then - before) <= _WITHIN * before else None

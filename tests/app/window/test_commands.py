@@ -132,26 +132,23 @@ def test_energies_that_repeat_the_last_evaluation_are_no_step_of_the_curve(windo
 
 
 @pytest.mark.window
-def test_live_energies_are_drawn_in_frames_that_stay_until_they_leave_them(window, plots, monkeypatch):
+def test_energies_of_a_run_in_progress_are_painted_without_matplotlib(window, plots):
     from homolog_app.window.run_particles import EnergyCurves
 
     curves = EnergyCurves(window.workspace.theme)
     curves.resize(900, 200)
     curves.show()
-    draw, drawn = curves.draw, []
-    monkeypatch.setattr(curves, "draw", lambda figure: (drawn.append(0), draw(figure)))
     rows = np.random.default_rng(0).random((100, 4))
     rows[:, 0] = np.arange(100)
     pictures = []
-    for count in (80, 81, 90, 97):
+    for count in (80, 90):
         curves.show_rows(rows[:count], is_live=True)
         pictures.append(curves.grab().toImage())
-    assert len(drawn) == 1
     assert pictures[0] != pictures[1]
-    rows[-1, 2] = 99.0
-    curves.show_rows(rows, is_live=True)
-    curves.grab()
-    assert len(drawn) == 2
+    assert curves.canvas is None
+    curves.show_rows(rows)
+    assert curves.canvas is not None
+    assert curves.canvas.isVisible()
     curves.close()
 
 

@@ -502,7 +502,7 @@ def test_a_cure_grooms_its_subject_alone_and_can_be_undone(groomed, wait):
 
 @pytest.mark.window
 def test_buttons_can_be_pressed_only_when_their_command_can(groomed, wait):
-    go, again = groomed.inspector.groom.go, groomed.inspector.groom.again
+    go, again = groomed.inspector.groom.go, groomed.inspector.groom.cures.again
     groomed.workspace.session.select(["a"])
     assert go.isEnabled()
     assert again.isEnabled()

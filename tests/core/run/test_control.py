@@ -125,13 +125,20 @@ def test_waiting_while_paused_is_not_counted_as_work(control):
     assert control.seconds[Phase.READING] < time.monotonic() - began - 0.25
 
 
-def test_the_time_left_follows_from_the_pace(control, monkeypatch):
+def test_the_time_left_follows_from_the_pace_if_an_earlier_estimate_agrees(control, monkeypatch):
     now = 100.0
     monkeypatch.setattr("homolog.run.control.time.monotonic", lambda: now)
     control.enter(Phase.GEODESICS, "begin", until=Phase.OPTIMIZING)
     start = control.status.fraction
-    assert control.status.eta_s is None
-    now = 110.0
-    control.tick(0.5, "half")
-    half = control.status.fraction
-    assert control.status.eta_s == pytest.approx(10.0 * (1.0 - half) / (half - start))
+
+    def after(seconds, share):
+        nonlocal now
+        now = 100.0 + seconds
+        control.tick(share, "work")
+        return control.status.eta_s
+
+    assert after(5.0, 0.25) is None  # nothing confirms it
+    half = after(10.0, 0.5)
+    whole = control.status.fraction
+    assert half == pytest.approx(10.0 * (1.0 - whole) / (whole - start))
+    assert after(20.0, 0.6) is None  # the end was predicted much earlier

@@ -231,4 +231,4 @@ class Plot(QWidget):
 
             self.canvas = PlotCanvas(self)
             self._layers.addWidget(self.canvas)
-        self._layers.setCurrentIndex(0 if self.is_empty else 1)
+        self._layers.setCurrentWidget(self.hint if self.is_empty else self.canvas)
