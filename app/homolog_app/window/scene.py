@@ -203,7 +203,7 @@ def aim(camera: Any, place: FloatArray, normal: FloatArray, height: float) -> No
 
 
 class PlaneHandle:
-    """VTK's handle of a plane: drag its arrow to turn the plane, its middle to move it.
+    """VTK's handle of a plane: its arrow turns it, and it can be pushed.
 
     Parameters
     ----------
@@ -214,39 +214,39 @@ class PlaneHandle:
 
     def __init__(self, plot: Interactor, turned: "Callable[[FloatArray, FloatArray], object]") -> None:
         self._turned = turned
-        self._plane: Any = vtkImplicitPlaneRepresentation()
-        self._plane.SetPlaceFactor(1.0)
-        self._plane.SetDrawPlane(False)
-        self._plane.SetDrawOutline(False)
-        self._plane.SetOutlineTranslation(False)
-        self._plane.SetScaleEnabled(False)
-        self._plane.SetConstrainToWidgetBounds(True)
-        self._widget: Any = vtkImplicitPlaneWidget2()
-        self._widget.SetRepresentation(self._plane)
-        self._widget.SetInteractor(plot.ren_win.GetInteractor())
-        self._observer = self._widget.AddObserver("InteractionEvent", self._follow)
+        self.plane: Any = vtkImplicitPlaneRepresentation()
+        self.plane.SetPlaceFactor(1.0)
+        self.plane.SetDrawPlane(False)
+        self.plane.SetDrawOutline(False)
+        self.plane.SetOutlineTranslation(False)
+        self.plane.SetScaleEnabled(False)
+        self.plane.SetConstrainToWidgetBounds(True)
+        self.widget: Any = vtkImplicitPlaneWidget2()
+        self.widget.SetRepresentation(self.plane)
+        self.widget.SetInteractor(plot.ren_win.GetInteractor())
+        self._observer = self.widget.AddObserver("InteractionEvent", self._follow)
 
     def show(self, renderer: Any, box: Box, normal: FloatArray, origin: FloatArray) -> None:  # noqa: ANN401
         """Show the handle in a view, with the plane's unit normal and a point of it."""
-        self._widget.SetDefaultRenderer(renderer)
-        self._plane.PlaceWidget(box)
-        self._plane.SetNormal(*normal)
-        self._plane.SetOrigin(*origin)
-        self._widget.On()
+        self.widget.SetDefaultRenderer(renderer)
+        self.plane.PlaceWidget(box)
+        self.plane.SetNormal(*normal)
+        self.plane.SetOrigin(*origin)
+        self.widget.On()
 
     def hide(self) -> None:
         """Hide the handle."""
-        if self._widget.GetEnabled():
-            self._widget.Off()
+        if self.widget.GetEnabled():
+            self.widget.Off()
 
     def close(self) -> None:
         """Release the graphics."""
-        self._widget.RemoveObserver(self._observer)
+        self.widget.RemoveObserver(self._observer)
         self.hide()
-        self._widget.SetInteractor(None)
+        self.widget.SetInteractor(None)
 
     def _follow(self, *_: object) -> None:
-        self._turned(np.array(self._plane.GetNormal()), np.array(self._plane.GetOrigin()))
+        self._turned(np.array(self.plane.GetNormal()), np.array(self.plane.GetOrigin()))
 
 
 class ColourBar(QWidget):

@@ -73,6 +73,40 @@ def test_a_hollow_shape_shows_its_wall_where_it_is_cut(beans, plane):
     assert areas(below)[0] < 2.0  # seen from outside
 
 
+def test_a_free_plane_is_that_through_a_point_and_keeps_the_side_of_its_normal(beans):
+    normal, box = np.array([0.0, 0.6, -0.8]), (-10.0, 10.0) * 3
+    clip = Clip.free(normal, np.array([0.0, 3.0, -4.0]), box)
+    kept, origin = clip.cut(box, np.array([1.0, 0.0, 0.0]))
+    np.testing.assert_allclose(kept, normal)
+    assert (origin - [0.0, 3.0, -4.0]) @ normal == pytest.approx(0.0, abs=1e-9)
+    canvas = beans.views.stage.scene.canvas
+    half = Clip.free(np.array([0.0, 0.0, -1.0]), np.zeros(3), box)
+    picture = drawn(ViewContents([shell()]), from_above(canvas, half))
+    np.testing.assert_allclose(areas(picture), [np.pi * (100 - 36), np.pi * 100], rtol=0.03)
+
+
+def test_planes_of_the_shapes_own_axes_remove_the_side_of_the_viewer_and_are_turned_by_their_handle(beans):
+    scene, bar, commands = beans.views.stage.scene, beans.views.stage.clip, beans.commands
+    commands["view.grid1"].trigger()
+    scene.look("front")
+    commands["view.clip"].trigger()
+    axes, ahead = scene.principal_axes, scene.grid.cells[0].axes[2]
+    vertices = scene.grid.cells[0].vertices
+    assert np.ptp(vertices @ axes[0]) > np.ptp(vertices @ axes[2])
+    for title, axis in (("Across the long axis", 0), ("Along it, broad section", 2)):
+        bar.plane.setCurrentText(title)
+        kept, _ = scene.grid.display.clip.cut(scene.grid.bounds, ahead)
+        assert abs(kept @ axes[axis]) == pytest.approx(1.0)
+        assert kept @ ahead > -1e-6
+    turned = np.array([0.6, 0.8, 0.0])
+    scene.handle.plane.SetNormal(*turned)
+    scene.handle.widget.InvokeEvent("InteractionEvent")
+    assert bar.plane.currentText() == "By hand"
+    np.testing.assert_allclose(scene.canvas.clip.normal, turned, atol=1e-6)
+    bar.flip.click()
+    np.testing.assert_allclose(scene.grid.display.clip.cut(scene.grid.bounds, ahead)[0], -turned, atol=1e-6)
+
+
 def test_particles_on_the_removed_side_are_not_drawn(beans):
     canvas, content = beans.views.stage.scene.canvas, shell()
     particle = {"shell": np.array([[0.0, 0.0, 10.0]])}
