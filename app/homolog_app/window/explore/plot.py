@@ -231,4 +231,4 @@ class Plot(QWidget):
 
             self.canvas = PlotCanvas(self)
             self._layers.addWidget(self.canvas)
-        self._layers.setCurrentWidget(self.hint if self.is_empty else self.canvas)
+        self._layers.setCurrentWidget(self.hint if self.canvas is None or self.is_empty else self.canvas)
