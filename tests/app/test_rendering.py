@@ -1,8 +1,7 @@
-"""Shapes in 3-D, drawn by OpenGL and by software."""
+"""Shapes in 3-D, drawn off screen."""
 
 import os
 import signal
-from functools import cache
 from multiprocessing import active_children
 
 import numpy as np
@@ -11,31 +10,14 @@ import pytest
 from homolog.errors import InputError
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.camera import VIEWS, Clip, View, frame_around, three_quarter_view
-from homolog_app.rendering.colours import colours_by_place
-from homolog_app.rendering.draw import RENDERER, OpenGLProcess, RendererChoice
-from homolog_app.rendering.rays import Software, shaded
+from homolog_app.rendering.draw import draw, with_opengl
+from homolog_app.rendering.rays import shaded
 from homolog_app.rendering.scene import Balls, Scene, Surface, surface
 
 GREY = np.array([0.8, 0.8, 0.8])
 
 
-@cache
-def _opengl():
-    try:
-        return OpenGLProcess()
-    except RuntimeError:  # BrokenProcessPool is one
-        if os.environ.get("CI"):
-            raise
-        pytest.skip("no OpenGL")
-
-
-@pytest.fixture(params=["opengl", "software"])
-def draw(request):
-    """What draws a scene."""
-    return (_opengl() if request.param == "opengl" else Software()).draw
-
-
-def test_a_sphere_is_drawn_as_a_disc_of_its_size_in_the_middle(draw, ball):
+def test_a_sphere_is_drawn_as_a_disc_of_its_size_in_the_middle(ball):
     for view in VIEWS.values():
         frame = frame_around([ball.vertices], view)
         image = draw(Scene((surface(ball, GREY),)), frame, 200)
@@ -47,7 +29,7 @@ def test_a_sphere_is_drawn_as_a_disc_of_its_size_in_the_middle(draw, ball):
         )
 
 
-def test_the_inside_of_an_open_surface_is_drawn(draw, ball):
+def test_the_inside_of_an_open_surface_is_drawn(ball):
     view = three_quarter_view(ball.vertices)
     frame = frame_around([ball.vertices], view)
     away = ball.vertices[ball.faces].mean(axis=1) @ view.axes[2] < 0.0
@@ -56,7 +38,7 @@ def test_the_inside_of_an_open_surface_is_drawn(draw, ball):
     assert np.count_nonzero(open_) > 0.95 * np.count_nonzero(whole)
 
 
-def test_nothing_is_clipped_whatever_the_view(draw, ball):
+def test_nothing_is_clipped_whatever_the_view(ball):
     stretched = TriangleMesh(ball.vertices * [1.0, 2.5, 0.4], ball.faces)
     for toward in np.random.default_rng(0).normal(size=(5, 3)):
         view = View(tuple(toward), (0.1, 0.2, 0.9))
@@ -66,7 +48,7 @@ def test_nothing_is_clipped_whatever_the_view(draw, ball):
         assert (image[..., 3] > 127).mean() > 0.3
 
 
-def test_a_ball_in_front_hides_the_one_behind(draw):
+def test_a_ball_in_front_hides_the_one_behind():
     places = np.array([[0.0, 0.0, 5.0], [0.0, 0.0, -5.0]])
     pair = Balls(places, 1.0, np.array([[255, 0, 0], [0, 0, 255]], np.uint8))
     image = draw(Scene((), pair), frame_around([places], VIEWS["superior"], border=1.0), 61)
@@ -75,7 +57,7 @@ def test_a_ball_in_front_hides_the_one_behind(draw):
     assert np.count_nonzero(image[30, :, 3]) == pytest.approx(60, abs=2)
 
 
-def test_balls_are_hidden_by_a_surface_before_them_and_whole_in_a_cut(draw):
+def test_balls_are_hidden_by_a_surface_before_them_and_whole_in_a_cut():
     """One ball stands before a small wall, one behind it."""
     corners = np.array([[-3.0, -3.0, 0.0], [3.0, -3.0, 0.0], [3.0, 3.0, 0.0], [-3.0, 3.0, 0.0]])
     wall = surface(TriangleMesh(corners, np.array([[0, 1, 2], [0, 2, 3]])), GREY)
@@ -96,7 +78,7 @@ def test_hollows_are_darker_than_the_open_surface(ball):
     assert shaded(flat_cavity, GREY).colours.mean() < 153
 
 
-def test_what_was_moved_looks_like_what_was_made_there(draw, ball):
+def test_what_was_moved_looks_like_what_was_made_there(ball):
     frame = frame_around([ball.vertices * 1.2], VIEWS["left"])
     moved = surface(TriangleMesh(ball.vertices * [1.0, 0.6, 1.1], ball.faces), np.array([0.9, 0.3, 0.1]))
     part = Surface(moved.vertices, moved.normals, moved.faces[:-1], moved.colours)
@@ -107,7 +89,7 @@ def test_what_was_moved_looks_like_what_was_made_there(draw, ball):
     np.testing.assert_allclose(draw(Scene((moved,)), frame, 90), after, atol=1)
 
 
-def test_edges_are_smooth_and_a_fold_in_front_of_its_own_surface_too(draw, ball):
+def test_edges_are_smooth_and_a_fold_in_front_of_its_own_surface_too(ball):
     far = TriangleMesh(ball.vertices * 2.0 - [0.0, 60.0, 0.0], ball.faces)
     scene = Scene((surface(ball, np.zeros(3)), surface(far, np.ones(3))))
     image = draw(scene, frame_around([far.vertices, ball.vertices], VIEWS["posterior"]), 150) / 255.0
@@ -124,7 +106,7 @@ def cut_of(plane, ball, **chosen):
 
 
 @pytest.mark.parametrize("plane", ["axial", "view"])
-def test_a_hollow_ball_cut_in_the_middle_shows_its_wall_and_its_cavity(draw, ball, plane):
+def test_a_hollow_ball_cut_in_the_middle_shows_its_wall_and_its_cavity(ball, plane):
     centre = ball.vertices.mean(axis=0)
     inside = TriangleMesh(centre + 0.6 * (ball.vertices - centre), ball.faces[:, ::-1])
     count = len(ball.vertices)
@@ -145,7 +127,7 @@ def test_a_hollow_ball_cut_in_the_middle_shows_its_wall_and_its_cavity(draw, bal
     assert most[100, 100] == 1
 
 
-def test_a_plane_beside_the_ball_leaves_all_or_nothing(draw, ball):
+def test_a_plane_beside_the_ball_leaves_all_or_nothing(ball):
     frame = frame_around([ball.vertices], VIEWS["anterior"])
 
     def cut_at(**chosen):
@@ -159,65 +141,19 @@ def test_a_plane_beside_the_ball_leaves_all_or_nothing(draw, ball):
     assert half[:, :28].sum() > 0.9 * half.sum()  # the patient's right is at the left
 
 
-def test_both_renderers_draw_the_same_picture(ball):
-    """Bone with particles, from the oblique: same places, nearly the same colours."""
-    bent = TriangleMesh(
-        ball.vertices * [1.4, 0.8, 1.0] + 2.0 * np.sin(0.2 * ball.vertices[:, [1]]), ball.faces
-    )
-    particles = bent.vertices[::31]
-    scene = Scene((shaded(bent, GREY),), Balls(particles, 0.6, colours_by_place(particles)))
-    frame = frame_around([bent.vertices], three_quarter_view(bent.vertices), border=0.6)
-    first, other = (each.draw(scene, frame, 240).astype(int) for each in (Software(), _opengl()))
-    assert first.shape == other.shape
-    assert np.abs(first - other).mean() < 4.0
-
-
-def test_a_graphics_driver_that_ends_its_process_is_replaced_by_software(ball, monkeypatch):
+def test_a_graphics_driver_that_ends_its_process_is_an_input_error(monkeypatch):
     monkeypatch.setattr("homolog_app.rendering.draw.begin", os.abort)
-    monkeypatch.setattr("homolog_app.rendering.draw.may_have_graphics_card", lambda: True)
-    choice = RendererChoice()
-    image = choice.draw(Scene((surface(ball, GREY),)), frame_around([ball.vertices], VIEWS["left"]), 50)
-    assert "software" in choice.name
-    assert image[..., 3].max() == 255
+    with pytest.raises(InputError, match="install a graphics driver"):
+        with_opengl(len, "abc")
 
 
-def test_a_graphics_driver_that_hangs_is_ended_and_replaced_by_software(monkeypatch):
+def test_a_graphics_driver_that_hangs_is_ended(monkeypatch):
     others = set(active_children())
     monkeypatch.setattr("homolog_app.rendering.draw.begin", signal.pause)
-    monkeypatch.setattr("homolog_app.rendering.draw.may_have_graphics_card", lambda: True)
     monkeypatch.setattr("homolog_app.rendering.draw.PATIENCE_S", 2.0)
-    assert RendererChoice().name == "software"
-    assert set(active_children()) <= others
-
-
-def test_opengl_that_was_asked_for_and_does_not_work_is_an_input_error(monkeypatch):
-    monkeypatch.setattr("homolog_app.rendering.draw.begin", os.abort)
-    monkeypatch.setenv(RENDERER, "opengl")
-    with pytest.raises(InputError, match="OpenGL"):
-        _ = RendererChoice().name
-
-
-def test_a_renderer_that_is_not_known_is_refused(monkeypatch):
-    monkeypatch.setenv(RENDERER, "magic")
-    with pytest.raises(InputError, match="opengl or software"):
-        _ = RendererChoice().name
-
-
-def test_without_a_graphics_card_opengl_is_started_only_for_what_needs_it(ball, monkeypatch):
-    _opengl()  # skips where there is none
-    monkeypatch.setattr("homolog_app.rendering.draw.may_have_graphics_card", lambda: False)
-    others, choice = set(active_children()), RendererChoice()
-    choice.draw(Scene((surface(ball, GREY),)), frame_around([ball.vertices], VIEWS["left"]), 50)
-    assert choice.name == "software"
-    assert set(active_children()) <= others
-    assert choice.with_opengl(len, "abc") == 3
-
-
-def test_what_needs_opengl_is_refused_where_there_is_none(monkeypatch):
-    monkeypatch.setenv(RENDERER, "software")
     with pytest.raises(InputError, match="install a graphics driver"):
-        RendererChoice().with_opengl(len, "abc")
-    assert _opengl().call(len, "abc") == 3
+        with_opengl(len, "abc")
+    assert set(active_children()) <= others
 
 
 def test_balls_leave_half_of_the_surface_free_and_keep_their_size_within_bounds():

@@ -17,7 +17,6 @@ distributed.
 
 import argparse
 import json
-import os
 import pickle
 import random
 import re
@@ -344,7 +343,6 @@ def main() -> None:
     options = parser.parse_args()
     random.seed(options.seed)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up
-    os.environ["HOMOLOG_RENDERER"] = "software"
     until, rows = time.monotonic() + 60.0 * options.minutes, read_log(options.folder / "tries.jsonl")
     options.folder.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as name, mounted(Path(name) / "disk") as disk:

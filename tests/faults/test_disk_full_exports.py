@@ -3,7 +3,6 @@
 import pytest
 
 from homolog_app.cli import INPUT_ERROR, main
-from homolog_app.rendering.draw import start_renderer
 
 FILM = ("--mode", "1", "--seconds", "0.4", "--width", "480", "--height", "320")
 KINDS = {
@@ -25,12 +24,6 @@ KINDS = {
     "markups": ("markups", "markups"),
     "shapeworks": ("shapeworks", "shapeworks"),
 }
-
-
-@pytest.fixture(autouse=True, scope="module")
-def renderer():
-    """Start what draws while there is room."""
-    start_renderer()
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -18,7 +18,6 @@ from homolog.io.markups import write_markups
 from homolog.io.project import ProjectFolder
 from homolog.io.tables import write_table
 from homolog.run.import_model import import_model
-from homolog_app.rendering import draw
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.page import Page
 from homolog_app.report.write import write_report
@@ -59,10 +58,7 @@ def test_a_page_shows_every_text_as_it_is_and_runs_none():
         assert f"{place} {EVIL}" in seen.text
 
 
-def test_a_report_about_hostile_names_runs_none_and_stays_in_its_project(tmp_path, monkeypatch):
-    # Pictures come pickled from the process that has OpenGL, which is not what is watched for.
-    monkeypatch.setenv(draw.RENDERER, "software")
-    monkeypatch.setattr(draw, "CHOICE", draw.RendererChoice())
+def test_a_report_about_hostile_names_runs_none_and_stays_in_its_project(tmp_path):
     good_project(tmp_path)
     project = ProjectFolder(tmp_path / "project")
     write_report(project)  # unwatched: on a bare machine the first pictures compile kernels into a cache

@@ -232,8 +232,7 @@ _KINDS = {
         "the window's views as PNG",
         "Draw the views as Screenshot does in the window. SCENE is JSON with page, shapes and cameras, as "
         'the dialog shows it. The shortest is \'{"view": {"page": "modes"}}\'; pages are subjects, '
-        "modes, groups, measure and check. SCENE may also be a file NAME.views.npz, which the window writes "
-        "with pictures of views that a project does not contain, such as those of a run in progress.",
+        "modes, groups, measure and check.",
         "FILE (.png)",
         ScreenshotSettings,
         options=add_scene_option,

@@ -93,7 +93,6 @@ def export_film(arguments: argparse.Namespace, settings: FilmSettings, out: Path
     """Write the film; return the facts about it."""
     from homolog_app.exports.film import Film
     from homolog_app.exports.pictures import FILM_SUFFIXES, write_film
-    from homolog_app.rendering.draw import renderer_name
 
     if out.suffix.lower() not in FILM_SUFFIXES:
         raise InputError(f"--out {out}: use .mp4 or .gif, or no suffix for a folder of PNG frames")
@@ -108,14 +107,13 @@ def export_film(arguments: argparse.Namespace, settings: FilmSettings, out: Path
         settings.fps,
         part_of(tick, 0.05, 0.99),
     )
-    return f"{settings.frames} frames at {settings.fps} fps, drawn with {renderer_name()}"
+    return f"{settings.frames} frames at {settings.fps} fps"
 
 
 def export_still(arguments: argparse.Namespace, settings: StillSettings, out: Path, tick: Tick) -> str:
     """Write the picture; return the facts about it."""
     from homolog_app.exports.film import Film
     from homolog_app.exports.pictures import write_still
-    from homolog_app.rendering.draw import renderer_name
 
     motions = chosen_motions(arguments, settings.deviations)
     low, high = motions[0].low, motions[0].high
@@ -125,7 +123,7 @@ def export_still(arguments: argparse.Namespace, settings: StillSettings, out: Pa
     film = Film(motions, arguments.view, settings, transparent=settings.transparent)
     tick(0.5, "drawing")
     write_still(out, film.draw((at - low) / (high - low) if high > low else 0.0))
-    return f"{settings.width} x {settings.height} pixels, drawn with {renderer_name()}"
+    return f"{settings.width} x {settings.height} pixels"
 
 
 def add_scene_option(parser: argparse.ArgumentParser) -> None:
@@ -140,18 +138,15 @@ def export_screenshot(
 ) -> str:
     """Write the picture; return the facts about it."""
     from homolog_app.exports.pictures import write_still
-    from homolog_app.rendering.content import KEPT, open_page, read_shown
+    from homolog_app.rendering.content import open_page
     from homolog_app.rendering.draw import with_opengl
     from homolog_app.scenes.snapshot import view_contents_of
 
-    if arguments.scene.endswith(KEPT):
-        shown, canvas = read_shown(Path(arguments.scene))
-    else:
-        snapshot = _snapshot(arguments.scene)
-        shown = view_contents_of(ProjectFolder(arguments.project), snapshot, tick)
-        canvas = snapshot.canvas
+    snapshot = _snapshot(arguments.scene)
+    shown = view_contents_of(ProjectFolder(arguments.project), snapshot, tick)
     tick(0.9, "drawing")
-    pixels = with_opengl(_drawn, *open_page(shown, canvas), settings.scale, settings.transparent)
+    page = open_page(shown, snapshot.canvas)
+    pixels = with_opengl(_drawn, *page, settings.scale, settings.transparent)
     write_still(out, pixels)
     return f"{pixels.shape[1]} x {pixels.shape[0]} pixels"
 

@@ -163,13 +163,10 @@ def _check_structure(source: Path, pattern: str | None, cohort: Cohort, settings
 
 @cache
 def _start_drawing() -> None:
-    """Start the renderer while the result is computed and written, because it takes seconds."""
+    """Import what draws while the result is computed and written, because it takes seconds."""
 
     def start() -> None:
         from homolog_app.pictures import figures  # noqa: F401
-        from homolog_app.rendering.draw import start_renderer
-
-        start_renderer()
 
     Thread(target=start, name="homolog-drawing").start()
 

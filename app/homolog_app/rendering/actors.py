@@ -5,7 +5,7 @@ offsets, a mapper that draws a ball for each point, and filters that follow a mo
 """
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pyvista as pv
@@ -14,7 +14,6 @@ from vtkmodules.vtkFiltersCore import vtkCutter
 from vtkmodules.vtkFiltersGeneral import vtkContourTriangulator
 from vtkmodules.vtkRenderingCore import (
     vtkActor2D,
-    vtkGlyph3DMapper,
     vtkPolyDataMapper,
     vtkPolyDataMapper2D,
     vtkRenderer,
@@ -33,7 +32,7 @@ from homolog_app.rendering.scene import (
     Surface,
 )
 
-__all__ = ["Overview", "QuickBalls", "RoundBalls", "SceneActors"]
+__all__ = ["Overview", "SceneActors"]
 
 _BALL = """//VTK::Color::Impl
 float r2 = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
@@ -58,17 +57,16 @@ class SceneActors:
     ----------
     renderer : vtkRenderer
         Renderer, which receives the standard lights.
-    balls : QuickBalls or RoundBalls
     """
 
-    def __init__(self, renderer: Vtk, balls: "_Balls") -> None:
+    def __init__(self, renderer: Vtk) -> None:
         self._renderer = renderer
         self._plane = pv.generate_plane((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
         self._surfaces: list[_SurfaceActor] = []
-        self._balls, self._arrows, self._lines = balls, _ArrowActor(), _LineActor()
+        self._balls, self._arrows, self._lines = _BallActor(), _ArrowActor(), _LineActor()
         self._marks = [actor for mark in (self._arrows, self._lines) for actor in (mark.actor, mark.hidden)]
         self._scene: Scene | None = None
-        for actor in (balls.actor, *self._marks):
+        for actor in (self._balls.actor, *self._marks):
             renderer.AddActor(actor)
         for place, strength in LIGHTS:
             renderer.AddLight(pv.Light(position=place, intensity=strength, light_type="camera light"))
@@ -259,29 +257,7 @@ class _SurfaceActor:
             self.actor.prop.SetColor(*_parts(colours))
 
 
-class _Balls(Protocol):
-    actor: Vtk
-
-    def show(self, balls: Balls | None) -> None: ...
-
-
-class RoundBalls:
-    """Balls made of triangles, smooth at their edges."""
-
-    def __init__(self) -> None:
-        mapper = vtkGlyph3DMapper()
-        mapper.SetSourceData(pv.Sphere(radius=1.0, theta_resolution=16, phi_resolution=12))
-        mapper.ScalingOn()
-        mapper.SetScaleModeToNoDataScaling()
-        self.actor = _actor(mapper)
-        self.actor.prop.ambient, self.actor.prop.diffuse = AMBIENT, DIFFUSE
-
-    def show(self, balls: Balls | None) -> None:
-        """Draw balls, or none."""
-        _show_balls(self.actor, balls)
-
-
-class QuickBalls:
+class _BallActor:
     """Balls drawn as one shaded square each: fast if many of them move."""
 
     def __init__(self) -> None:
@@ -292,7 +268,13 @@ class QuickBalls:
 
     def show(self, balls: Balls | None) -> None:
         """Draw balls, or none."""
-        _show_balls(self.actor, balls)
+        self.actor.SetVisibility(balls is not None and len(balls.centres) > 0)
+        if balls is None or not len(balls.centres):
+            return
+        data = pv.PolyData(_floats(balls.centres))
+        data.GetPointData().SetScalars(_held(_bytes(np.broadcast_to(balls.colours, balls.centres.shape))))
+        self.actor.GetMapper().SetInputData(data)
+        self.actor.GetMapper().SetScaleFactor(balls.radius)
 
 
 class _ArrowActor:
@@ -330,16 +312,6 @@ class _LineActor:
         self.actor.SetVisibility(lines is not None and len(lines) > 0)
         if lines is not None and len(lines):
             self._data.copy_structure(pv.line_segments_from_points(_floats(np.reshape(lines, (-1, 3)))))
-
-
-def _show_balls(actor: Vtk, balls: Balls | None) -> None:
-    actor.SetVisibility(balls is not None and len(balls.centres) > 0)
-    if balls is None or not len(balls.centres):
-        return
-    data = pv.PolyData(_floats(balls.centres))
-    data.GetPointData().SetScalars(_held(_bytes(np.broadcast_to(balls.colours, balls.centres.shape))))
-    actor.GetMapper().SetInputData(data)
-    actor.GetMapper().SetScaleFactor(balls.radius)
 
 
 def _actor(mapper: Vtk | None = None) -> Vtk:

@@ -12,7 +12,7 @@ from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow  # plotters
 from homolog.arrays import Array, FloatArray
 from homolog.geometry import scale_of, transform_points
 from homolog.surfaces.mirroring import mirrors
-from homolog_app.rendering.actors import Overview, QuickBalls, SceneActors
+from homolog_app.rendering.actors import Overview, SceneActors
 from homolog_app.rendering.camera import VIEWS as ANATOMICAL
 from homolog_app.rendering.camera import Box, Canvas, Clip, Cut, Display, View, around, extent_of
 from homolog_app.rendering.colour_bar import scale_picture
@@ -167,7 +167,7 @@ class ViewCell:
     def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
         self.renderer = renderer
         self.content: Content | None = None
-        self._actors = SceneActors(renderer, QuickBalls())
+        self._actors = SceneActors(renderer)
         self._placed: dict[str, FloatArray] = {}
         self._boxes: dict[str, Box] = {}
         self._surfaces: dict[str, Surface] = {}

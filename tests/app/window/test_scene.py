@@ -10,7 +10,7 @@ import pytest
 from homolog.geometry import transform_points
 from homolog_app.rendering.camera import round_length
 from homolog_app.rendering.colours import colours_by_place
-from homolog_app.rendering.content import KEPT, Content, Numbers, ViewContents, read_shown, write_shown
+from homolog_app.rendering.content import Content, Numbers, ViewContents
 from homolog_app.rendering.grid import Grid, drawn
 from homolog_app.rendering.opengl import pixels_of
 from homolog_app.rendering.text import direction_letters, edge_letters
@@ -250,12 +250,6 @@ class TestViews:
         np.testing.assert_array_equal(within, without)
         darker = (through - without)[..., :3].sum(axis=2) < -30
         assert 50 < darker.sum() < 0.01 * darker.size
-
-    def test_a_kept_view_says_what_is_seen_through_its_shape(self, beans, tmp_path):
-        scene, path = beans.views.stage.scene, tmp_path / f"a{KEPT}"
-        plain, other = scene.shown[:2]
-        write_shown(path, ViewContents([plain, replace(other, through=True)], 2), scene.canvas)
-        assert [content.through for content in read_shown(path)[0].contents] == [False, True]
 
     def test_every_layout_shows_its_number_of_subjects_and_pages_through_the_rest(self, beans):
         scene = beans.views.stage.scene

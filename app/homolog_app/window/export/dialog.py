@@ -22,7 +22,7 @@ from homolog.errors import InputError
 from homolog_app.cli.options import options_of
 from homolog_app.exports.settings import PictureSettings, ReportSettings, ScreenshotSettings
 from homolog_app.rendering.camera import Canvas, Clip
-from homolog_app.rendering.content import KEPT, ViewContents, write_shown
+from homolog_app.rendering.content import ViewContents
 from homolog_app.rendering.grid import drawn
 from homolog_app.scenes.states import Snapshot
 from homolog_app.window.export.choosers import (
@@ -352,8 +352,8 @@ class ScreenshotDialog(ExportDialog):
     shown : ViewContents
     canvas : Canvas
     snapshot : Snapshot or None
-        Contents of the views, for the command line. If the project lacks them (particles of an unfinished
-        run), they are written next to the picture instead.
+        Contents of the views, for the command line; None if the project lacks them, such as the particles of
+        an unfinished run.
     """
 
     def __init__(
@@ -362,24 +362,17 @@ class ScreenshotDialog(ExportDialog):
         self._shown, self._canvas, self._snapshot = shown, canvas, snapshot
         super().__init__(parent, SCREENSHOT, what)
 
-    @property
-    def kept(self) -> Path | None:
-        """The file with the contents next to the picture; None if the project has them."""
-        return self.out.with_suffix(KEPT) if self.out is not None and self._snapshot is None else None
-
     def content(self) -> list[str]:
         """Return the contents as options of the command line."""
-        return ["--scene", self._snapshot.as_json if self._snapshot else str(self.kept)]
+        return ["--scene", self._snapshot.as_json] if self._snapshot else []
 
-    def _warning(self) -> str:
-        beside = self.kept
-        sentences = [super()._warning()]
-        if beside is not None:
-            sentences.append(
-                "The project does not contain these views. They are written with the picture, for the "
-                f"command line: {beside.name}."
-            )
-        return " ".join(sentence for sentence in sentences if sentence)
+    @Slot()
+    def _update(self) -> None:
+        super()._update()
+        if self._snapshot is None:
+            self.line.clear()
+            self.line.setPlaceholderText("None: the project lacks these views")
+            self.copy.setEnabled(False)
 
     @Slot()
     def _start(self) -> None:
@@ -391,8 +384,6 @@ class ScreenshotDialog(ExportDialog):
         try:
             pixels = drawn(self._shown, self._canvas, settings.scale, transparent=settings.transparent)
             write_still(out, pixels)
-            if self.kept is not None:
-                write_shown(self.kept, self._shown, self._canvas)
         except InputError as error:
             self._end("failed", str(error))
         else:
