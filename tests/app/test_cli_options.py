@@ -5,7 +5,6 @@ import pytest
 from homolog.errors import InputError
 from homolog.parameters import parameters
 from homolog.settings import Alignment, GroomSettings, Method, OptimizeSettings, RunSettings
-from homolog_app import cli
 from homolog_app.cli.options import add_options, with_options
 
 
@@ -57,41 +56,3 @@ def test_each_bad_value_is_named_with_its_option(parser):
     lines = str(caught.value).splitlines()
     assert [line.split(":")[0] for line in lines] == ["--method magic", "--particles 2", "--seed one"]
     assert "at least 4" in lines[1]
-
-
-@pytest.mark.parametrize(
-    ("command", "former", "present", "name", "value"),
-    [
-        (["run", "scans"], ["--anew"], "--restart", "restart", True),
-        (["run", "scans"], ["--skip-bad"], "--skip-invalid", "skip_invalid", True),
-        (["batch", "scans", "--out", "models"], ["--anew"], "--restart", "restart", True),
-        (["check", "project"], ["--least", "2.5"], "--min-severity", "min_severity", 2.5),
-        (["check", "project"], ["--mend", "3"], "--repair", "repair", 3),
-    ],
-)
-def test_an_option_works_by_its_former_name_with_a_hint(command, former, present, name, value, capsys):
-    parser = cli.command_parser()[0]
-    unset = getattr(parser.parse_args(command), name, None)
-    assert capsys.readouterr().err == ""
-    given = getattr(parser.parse_args([*command, *former]), name)
-    assert (unset != value, given) == (True, value)
-    assert f"{former[0]} was renamed to {present}" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        parser.parse_args([command[0], "--help"])
-    text = capsys.readouterr().out
-    assert present in text
-    assert f"{former[0]} " not in text
-
-
-@pytest.mark.parametrize("value", ["point", "linear"])
-def test_a_removed_option_is_accepted_with_a_hint(value, capsys):
-    parser = cli.command_parser()[0]
-    command = ["geodesics", "bone.ply", "--d-max", "20"]
-    assert parser.parse_args([*command, "--element", value]) == parser.parse_args(command)
-    assert "--element has no effect" in capsys.readouterr().err
-
-
-def test_a_required_option_may_be_given_by_its_former_name(capsys):
-    command = ["export", "screenshot", "project", "--out", "a.png", "--view", "{}"]
-    assert cli.command_parser()[0].parse_args(command).scene == "{}"
-    assert "--view was renamed to --scene" in capsys.readouterr().err

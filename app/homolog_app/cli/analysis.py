@@ -12,10 +12,8 @@ from homolog.io.project import ProjectFolder
 from homolog.io.report_details import ReportDetails, read_details, write_details
 from homolog_app.cli.options import (
     add_anyway_option,
-    add_former_name,
     add_options,
     add_progress_option,
-    add_removed_option,
     show_progress,
     with_options,
 )
@@ -210,14 +208,14 @@ def add_check(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
     )
     parser.add_argument("project", type=Path, help="project folder")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the list to FILE.csv or FILE.json")
-    least = parser.add_argument(
+    parser.add_argument(
         "--min-severity",
         type=float,
         default=1.0,
         metavar="SEVERITY",
         help="lowest severity to list (default 1)",
     )
-    repair = parser.add_argument(
+    parser.add_argument(
         "--repair",
         type=int,
         default=0,
@@ -225,8 +223,6 @@ def add_check(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
         help="optimize the particles around the COUNT most severe suspects again, and keep what improves",
     )
     parser.add_argument("--workers", type=int, help="number of processes (default: one per core)")
-    add_former_name(parser, "--least", least)
-    add_former_name(parser, "--mend", repair)
     add_progress_option(parser)
 
 
@@ -347,7 +343,6 @@ def add_geodesics(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the
         "--out", type=Path, metavar="FILE.npz", help="write a SciPy sparse matrix (scipy.sparse.load_npz)"
     )
     parser.add_argument("--device", default="auto", help="auto, cpu, cuda:0 …; auto takes the first GPU")
-    add_removed_option(parser, "--element", "distances are always computed with circular fronts")
     parser.add_argument(
         "--memory-limit", type=float, default=8.0, metavar="GB", help="largest table allowed (default 8)"
     )

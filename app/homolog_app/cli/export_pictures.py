@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog.progress import Tick, part_of
-from homolog_app.cli.options import add_former_name
 from homolog_app.exports.settings import (
     SIGHTS,
     FilmSettings,
@@ -129,8 +128,7 @@ def export_still(arguments: argparse.Namespace, settings: StillSettings, out: Pa
 def add_scene_option(parser: argparse.ArgumentParser) -> None:
     """Declare ``--scene``."""
     what = "JSON, or a file that contains it"
-    scene = parser.add_argument("--scene", required=True, metavar="SCENE", help=what)
-    add_former_name(parser, "--view", scene)
+    parser.add_argument("--scene", required=True, metavar="SCENE", help=what)
 
 
 def export_screenshot(

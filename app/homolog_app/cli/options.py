@@ -20,10 +20,8 @@ from homolog.settings import GroomSettings, RunSettings
 __all__ = [
     "Progress",
     "add_anyway_option",
-    "add_former_name",
     "add_options",
     "add_progress_option",
-    "add_removed_option",
     "handling",
     "options_of",
     "remaining_seconds",
@@ -42,90 +40,20 @@ _LABEL_HELP = (
 
 def add_options(
     parser: argparse.ArgumentParser, model: type[BaseModel], leaving_out: Sequence[str] = ()
-) -> dict[str, argparse.Action]:
-    """Declare an option for each setting of the model, and return them by the settings' names.
-
-    Options not given are absent from the parsed arguments.
-    """
-    actions: dict[str, argparse.Action] = {}
+) -> None:
+    """Declare an option for each setting of the model; options not given are absent from the arguments."""
     group = parser.add_argument_group(_title(model))
     for parameter in parameters(model):
         if parameter.name in leaving_out:
             continue
         if parameter.kind is bool:
-            actions[parameter.name] = group.add_argument(
-                _option(parameter),
-                action=argparse.BooleanOptionalAction,
-                default=argparse.SUPPRESS,
-                help=_help(parameter),
-            )
+            how: dict[str, Any] = {"action": argparse.BooleanOptionalAction}
         else:
-            is_label = model is GroomSettings and parameter.name == "label"
-            actions[parameter.name] = group.add_argument(
-                _option(parameter),
-                default=argparse.SUPPRESS,
-                metavar=_metavar(parameter) if not is_label else "LABEL",
-                help=_help(parameter) if not is_label else _LABEL_HELP,
-            )
-    return actions
-
-
-class _FormerName(argparse.Action):
-    """A hidden alias of an option that prints the option's current name."""
-
-    def __init__(self, present: argparse.Action, **kwargs: Any) -> None:  # noqa: ANN401 - argparse's own
-        super().__init__(**kwargs)
-        self._present = present
-
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: Any,  # noqa: ANN401 - argparse's own
-        option_string: str | None = None,
-    ) -> None:
-        name = self._present.option_strings[0]
-        sys.stderr.write(f"homolog: {option_string} was renamed to {name}; the old name will be removed\n")
-        self._present.required = False  # it is given by its former name
-        self._present(parser, namespace, values, option_string)
-
-
-def add_former_name(parser: argparse.ArgumentParser, former: str, present: argparse.Action) -> None:
-    """Accept an option's former name with a hint on standard error; help does not list it."""
-    parser.add_argument(
-        former,
-        action=_FormerName,
-        present=present,
-        dest=present.dest,
-        nargs=present.nargs,
-        type=present.type or str,
-        default=argparse.SUPPRESS,
-        help=argparse.SUPPRESS,
-    )
-
-
-class _RemovedOption(argparse.Action):
-    """A hidden option without effect that prints what replaces it."""
-
-    def __init__(self, hint: str, **kwargs: Any) -> None:  # noqa: ANN401 - argparse's own
-        super().__init__(**kwargs)
-        self._hint = hint
-
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: Any,  # noqa: ANN401 - argparse's own
-        option_string: str | None = None,
-    ) -> None:
-        sys.stderr.write(f"homolog: {option_string} has no effect and will be removed: {self._hint}\n")
-
-
-def add_removed_option(parser: argparse.ArgumentParser, name: str, hint: str) -> None:
-    """Accept and ignore a removed option, with a hint on standard error; help does not list it."""
-    parser.add_argument(
-        name, action=_RemovedOption, hint=hint, default=argparse.SUPPRESS, help=argparse.SUPPRESS
-    )
+            how = {"metavar": _metavar(parameter)}
+        summary = _help(parameter)
+        if model is GroomSettings and parameter.name == "label":
+            how, summary = {"metavar": "LABEL"}, _LABEL_HELP
+        group.add_argument(_option(parameter), default=argparse.SUPPRESS, help=summary, **how)
 
 
 def with_options(settings: _Model, arguments: argparse.Namespace) -> _Model:

@@ -15,7 +15,6 @@ from homolog.settings import GroomSettings, OptimizeSettings, RunSettings, Value
 from homolog_app.cli.cohort import add_cohort_options, add_missing_option, cohort_of
 from homolog_app.cli.options import (
     Progress,
-    add_former_name,
     add_options,
     add_progress_option,
     show_progress,
@@ -293,8 +292,7 @@ def add_batch(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
         metavar="N",
         help="skip structures with fewer subjects (2 or more, default 3)",
     )
-    restart = parser.add_argument("--restart", action="store_true", help="compute finished structures again")
-    add_former_name(parser, "--anew", restart)
+    parser.add_argument("--restart", action="store_true", help="compute finished structures again")
     parser.add_argument("--no-figures", dest="figures", action="store_false", help="write no pictures")
     add_progress_option(parser)
     for model in (OptimizeSettings, GroomSettings, RunSettings):

@@ -32,7 +32,6 @@ from homolog.io.project import ProjectFolder
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog_app.cli.cohort import add_cohort_options, as_options, cohort_of, read_with_notes
 from homolog_app.cli.options import (
-    add_former_name,
     add_options,
     add_progress_option,
     handling,
@@ -72,12 +71,10 @@ def add_run(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
         help="fit new subjects (files, folders or a cohort.csv) to the project's result, which does not "
         "change",
     )
-    restart = parser.add_argument(
+    parser.add_argument(
         "--restart", action="store_true", help="place all particles from the start, even if there is a result"
     )
-    skip = parser.add_argument("--skip-invalid", action="store_true", help="skip files that can't be used")
-    add_former_name(parser, "--anew", restart)
-    add_former_name(parser, "--skip-bad", skip)
+    parser.add_argument("--skip-invalid", action="store_true", help="skip files that can't be used")
     parser.add_argument("--no-figures", dest="figures", action="store_false", help="write no pictures")
     add_progress_option(parser)
     for model in (OptimizeSettings, GroomSettings, RunSettings):
