@@ -334,13 +334,15 @@ class OptimizeSettings(_Settings):
         ),
     ] = False
     ensemble_weight: Annotated[
-        float,
+        float | None,
         Field(
             gt=0.0,
             le=10.0,
-            description="Weight of the ensemble entropy H(Z) relative to the sampling entropy.",
+            json_schema_extra=_shown(if_none="derived from the cohort"),
+            description="Weight of the ensemble entropy H(Z) relative to the sampling entropy; derived from "
+            "how many parts of the surface vary independently if not given.",
         ),
-    ] = 0.014
+    ] = None
     coherence: Annotated[
         float,
         Field(

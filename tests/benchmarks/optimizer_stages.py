@@ -54,7 +54,6 @@ STAGES = (
     (OptimizationLoop, "_align", "poses"),
     (OptimizationLoop, "_relocate_misplaced", "misplaced particles"),
     (OptimizationLoop, "_relocate_lost", "lost particles"),
-    (loop, "exchange", "exchanges at the end"),
     (RunRecorder, "save", "checkpoints"),
     (RunRecorder, "emit_frame", "frames"),
     (OptimizationLoop, "result", "result"),

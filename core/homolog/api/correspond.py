@@ -71,7 +71,7 @@ class Settings(TypedDict, total=False):
     procrustes: Literal["auto", "off", "rigid", "form", "similarity"]
     core_set: int | None
     landmarks: bool
-    ensemble_weight: float
+    ensemble_weight: float | None
     coherence: float
     normals_weight: float
     opening_weight: float

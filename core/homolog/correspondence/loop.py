@@ -9,13 +9,15 @@ from homolog.correspondence.divided import make_engine
 from homolog.correspondence.engine import Engine, Particles
 from homolog.correspondence.entropy.dual import ensemble_entropy
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
+from homolog.correspondence.entropy.weight import with_weight
 from homolog.correspondence.initialization.registration import InitialRegistration
 from homolog.correspondence.initialization.splitting import split
 from homolog.correspondence.launcher import Launcher
-from homolog.correspondence.misplaced import exchange, relocate, relocate_misplaced, repairs_text
+from homolog.correspondence.misplaced import relocate, repairs_text
 from homolog.correspondence.prepared_cohort import PreparedCohort, landmarks_on_device
 from homolog.correspondence.recorder import CheckpointCallback, RunRecorder
-from homolog.correspondence.schedule import StagePlan, TimeShares
+from homolog.correspondence.schedule import StagePlan, TimeShares, plan_stages
+from homolog.correspondence.start import Start
 from homolog.correspondence.types import (
     Checkpoint,
     FrameCallback,
@@ -77,10 +79,13 @@ class OptimizationLoop:
         Particles that may move.
     repaired : (M, n) int32 array
         Iteration at which each particle was relocated, 0 if never; replaced with the engine.
+    start : Start
+        What the first particles told.
     """
 
     engine: Engine
     repaired: IntArray
+    start: Start
 
     def __init__(
         self,
@@ -118,9 +123,11 @@ class OptimizationLoop:
         """Run all stages, or the remaining ones of a checkpoint."""
         begin, done = 0, 0
         if resume is None:
-            self._initialize()
+            self._initialize(self.stages[0].count, self.initial_tick)
+            self._begin(Start.of(self.engine.aligned_positions()))
         else:
             begin, done = self._stage_of(resume), resume.done
+            self._begin(Start(resume.parts, resume.left_out))
             self.log.restore(resume)
             self.poses = resume.poses
             saved = Particles(
@@ -139,13 +146,39 @@ class OptimizationLoop:
             begun = self.log.iteration - done
             reason = self._stage(index, done)
             self._repair(index, self.log.iteration - begun)
+            if self._is_worse(index):
+                return self._register_again(index)
             self.log.emit_frame(plan.stage, self.engine, ends_stage=index < len(self.stages) - 1)
             done = 0
         return reason
 
-    def _initialize(self) -> None:
+    def _begin(self, start: Start) -> None:
+        """Use the weight of H(Z) that the first particles tell, if the settings had none."""
+        self.start = start
+        if self.settings.ensemble_weight is None:
+            present = None if self.initial is None else self.initial.local.shape[1]
+            self.settings = with_weight(self.settings, start.parts)
+            self.stages = plan_stages(self.settings, present, len(self.shapes))
+
+    def _is_worse(self, index: int) -> bool:
+        """Return whether a stage made the first particles predict each other worse than they did."""
+        after = self.stages[index + 1].count if index + 1 < len(self.stages) else 0
+        count = self.engine.count
+        if self.initial is not None or not self.stages[0].count == count != after:
+            return False  # compared are as many particles as were registered, when these are done
+        return self.start.is_better_than(self.engine.aligned_positions())
+
+    def _register_again(self, index: int) -> Reason:
+        """Register all particles, and leave them there."""
+        self.poses = np.tile(np.eye(4), (len(self.cohort.names), 1, 1))
+        self.stages = self.stages[: index + 1]
+        done = self.shares.done(index, 1.0)
+        self.log.tangential_weight = TANGENTIAL_WEIGHT
+        self._initialize(self.settings.particles, part_of(self.tick, done, 1.0))
+        return Reason.REGISTRATION
+
+    def _initialize(self, count: int, tick: Tick) -> None:
         """Place the initial particles."""
-        count = self.stages[0].count
         if self.initial is not None:
             pairs = zip(self.cohort.to_optimizer, self.initial.local, strict=True)
             points = np.stack([similarity.apply(local) for similarity, local in pairs])
@@ -153,7 +186,7 @@ class OptimizationLoop:
                 self.poses = poses_of_particles(points, self.poses, self.free_poses, scaling=self.scaling)
             self._set_particles(count, points)
             return
-        start, tick = self.poses, self.initial_tick
+        start = self.poses
         registration = InitialRegistration(
             [
                 TriangleMesh(similarity.apply(shape.mesh.vertices), shape.mesh.faces)
@@ -264,14 +297,8 @@ class OptimizationLoop:
         self.log.begin_stage()
         if done == 0:
             self._checkpoint(index, done)
-            if plan.until_converged:
-                self._relocate_misplaced(index, done)
-        elif (
-            self.repaired.max() < self.log.iteration
-            and self._has_converged(plan, done)
-            and self._is_done(index, done)
-        ):
-            return Reason.CONVERGED  # the run was cancelled while misplaced particles were relocated
+        elif self._has_converged(plan, done):
+            return Reason.CONVERGED  # the run was cancelled while lost particles were relocated
         while done < plan.iterations:
             times = min(LIST_ITERATIONS, plan.iterations - done)
             self._iterate(index, done, times)
@@ -279,22 +306,19 @@ class OptimizationLoop:
             self.log.iteration += times
             if done % RECORD_INTERVAL == 0 or done == plan.iterations:
                 self._record(plan)
-                if self._is_done(index, done):
+                if self._has_converged(plan, done):
                     return Reason.CONVERGED
+                self._follow_poses(plan, done)
             self._report(index, done)
         return Reason.ITERATIONS
 
-    def _is_done(self, index: int, done: int) -> bool:
-        """Return whether a stage has converged; if not, align the shapes."""
-        plan = self.stages[index]
-        if self._has_converged(plan, done) and not self._relocate_misplaced(index, done):
-            return True
+    def _follow_poses(self, plan: StagePlan, done: int) -> None:
+        """Align the shapes during a stage."""
         if plan.stage is Stage.SPLITTING:
             self._align(self.log.tangential_weight)
         else:
             regularization = plan.weights(min(done, plan.iterations - 1)).ensemble.regularization
             self._align(regularization=min(regularization, MAX_POSE_REGULARIZATION))
-        return False
 
     def _has_converged(self, plan: StagePlan, done: int) -> bool:
         """Return whether the objective has converged or only fluctuates, at the newest record."""
@@ -305,22 +329,6 @@ class OptimizationLoop:
             done >= 2 * PLATEAU_RECORDS * RECORD_INTERVAL
             and self.log.has_plateaued(PLATEAU_RECORDS, self.tolerance)
         )
-
-    def _relocate_misplaced(self, index: int, done: int) -> bool:
-        """Move misplaced particles to where the other shapes predict them; return whether there were any.
-
-        A particle is moved once before the stage settles and once in it, so that the loop terminates.
-        """
-        if not self.settings.method.uses_normals or 2 * done > self.stages[index].iterations:
-            return False  # in the second half of the stage particles are left alone
-        allowed, before = (self.repaired <= self.log.iteration - done) & self.free, self.engine.particles()
-        try:
-            moved = relocate_misplaced(self.engine, allowed)
-        except Cancelled:
-            self._checkpoint(index, done, before)
-            raise
-        self.repaired[moved] = self.log.iteration
-        return bool(moved.any())
 
     def _iterate(self, index: int, done: int, times: int) -> None:
         """Move the particles; if cancelled, checkpoint their positions from before."""
@@ -341,13 +349,10 @@ class OptimizationLoop:
         self.log.record(parts)
 
     def _repair(self, index: int, done: int) -> None:
-        """Relocate lost particles at the end of a stage, and exchange some after the last one."""
-        plan, before, repaired = self.stages[index], self.engine.particles(), self.repaired.copy()
+        """Relocate lost particles at the end of a stage."""
+        before, repaired = self.engine.particles(), self.repaired.copy()
         try:
             self._relocate_lost()
-            if index == len(self.stages) - 1 and self.settings.method.uses_normals:
-                moved = exchange(self.engine, plan.weights(plan.iterations), self.free)
-                self.repaired[moved] = max(self.log.iteration, 1)
         except Cancelled:
             self.repaired = repaired
             self._checkpoint(index, done, before)
@@ -395,7 +400,7 @@ class OptimizationLoop:
 
     def _checkpoint(self, index: int, done: int, particles: Particles | None = None) -> None:
         now = self.engine.particles() if particles is None else particles
-        self.log.save(now, self.poses, len(self.stages) - 1 - index, done, self.repaired)
+        self.log.save(now, self.poses, len(self.stages) - 1 - index, done, self.repaired, self.start)
 
     def result(self, reason: Reason) -> OptimizedParticles:
         """Return the particles in millimetres."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.correspondence.engine import Engine, Particles
+from homolog.correspondence.start import Start
 from homolog.correspondence.types import Checkpoint, Frame, FrameCallback, Stage
 from homolog.geometry import scale_of
 from homolog.registration.procrustes import rescale
@@ -129,7 +130,15 @@ class RunRecorder:
         """Return whether a checkpoint is due."""
         return time.monotonic() >= self._next_checkpoint
 
-    def save(self, particles: Particles, poses: FloatArray, left: int, done: int, repaired: IntArray) -> None:
+    def save(
+        self,
+        particles: Particles,
+        poses: FloatArray,
+        left: int,
+        done: int,
+        repaired: IntArray,
+        start: Start,
+    ) -> None:
         """Emit a checkpoint.
 
         Parameters
@@ -138,6 +147,8 @@ class RunRecorder:
             State of an engine.
         poses, left, done, repaired
             As in `Checkpoint`.
+        start : Start
+            What the first particles told.
         """
         self._next_checkpoint = time.monotonic() + CHECKPOINT_INTERVAL_S
         if self.on_checkpoint is None:
@@ -157,5 +168,7 @@ class RunRecorder:
                 energies=self.energies,
                 repaired=repaired.copy(),
                 tangential_weight=self.tangential_weight,
+                parts=start.parts,
+                left_out=start.left_out,
             )
         )

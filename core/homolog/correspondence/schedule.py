@@ -115,9 +115,10 @@ def plan_stages(
 ) -> list[StagePlan]:
     """Return the stages of an optimization, from the initial particles, or `present` ones, to all.
 
-    The number of shapes serves estimates of the remaining time only.
+    The number of shapes serves estimates of the remaining time only. A weight of H(Z) that is still to be
+    derived counts as one.
     """
-    ensemble_weight = settings.ensemble_weight
+    ensemble_weight = 1.0 if settings.ensemble_weight is None else settings.ensemble_weight
     normals_weight = settings.normals_weight if settings.method.uses_normals else 0.0
     coherence = settings.coherence if settings.method is not Method.EUCLIDEAN else 0.0  # as published
     first, last = settings.regularization_start, settings.regularization_end

@@ -16,6 +16,7 @@ from homolog.correspondence.engine import Engine, Particles
 from homolog.correspondence.ensemble import Ensemble, ShapeState
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.entropy.terms import Term
+from homolog.correspondence.entropy.weight import weighted
 from homolog.correspondence.fit_engine import FitEngine, state_of
 from homolog.correspondence.initialization.registration import snap_to_mesh
 from homolog.correspondence.launcher import Launcher
@@ -154,6 +155,7 @@ def fit_shape(
     NumericalError
         If a particle is lost.
     """
+    settings = weighted(settings, ensemble.position_variances, int(ensemble.subjects[0]))
     stages = _stages(settings, len(local), _ANNEAL_ITERATIONS) if plan is None else [plan]
     is_in_it = plan is not None
     return _fitted(shape, settings, ensemble, [local], stages, is_in_it=is_in_it, searches=False, tick=tick)
@@ -191,6 +193,7 @@ def fit_shape_from(
     NumericalError
         If a particle is lost.
     """
+    settings = weighted(settings, ensemble.position_variances, int(ensemble.subjects[0]))
     anneal, settle = _stages(settings, len(starts[0]), _PLACED_ANNEAL)
     share = min(1.0, float(ensemble.subjects[0]) / _ENOUGH_SUBJECTS) ** 2
     settle = replace(settle, ensemble=settle.ensemble.scaled(share), normals=settle.normals.scaled(share))
@@ -293,7 +296,7 @@ class _FitLoop(OptimizationLoop):
         image = self.cohort.to_optimizer[0].invert(positions)
         return state_of(self.engine, transform_points(side, image), self.poses[0] @ placement)
 
-    def _initialize(self) -> None:
+    def _initialize(self, count: int, tick: Tick) -> None:
         starts = [self.cohort.to_optimizer[0].apply(start.local[0]) for start in self._starts]
         points, poses = starts[0], self.poses
         if self.aligns and not self._is_in_it:
@@ -305,10 +308,9 @@ class _FitLoop(OptimizationLoop):
 
     def _search(self, poses: FloatArray) -> None:
         """Take the pose of lowest objective, with particles where the ensemble expects them."""
-        settings = self.settings
         terms = (
-            Term(settings.ensemble_weight, settings.regularization_end),
-            Term(settings.normals_weight, NORMALS_ANNEALING[1]),
+            Term(self._trial.ensemble.weight, self.settings.regularization_end),
+            Term(self._trial.normals.weight, NORMALS_ANNEALING[1]),
         )
         fields, meshes = (self.cohort.fields, self.cohort.opening_fields), self.engine.surface_set.meshes
         given = self._ensemble, terms, SurfacePoints(*fields, meshes[0])
@@ -339,8 +341,8 @@ class _FitLoop(OptimizationLoop):
         weights = [plan.weights(iteration + 1) for iteration in range(plan.iterations)]
         self.engine.start_stage(weights)
         for done in range(0, plan.iterations, LIST_ITERATIONS):
-            if done == _RELOCATED_AFTER:
-                self._relocate_misplaced(0, 0)
+            if done == _RELOCATED_AFTER and self.settings.method.uses_normals:
+                self._relocate_misplaced()
             self.engine.iterate(min(LIST_ITERATIONS, plan.iterations - done))
             term = plan.weights(min(done + LIST_ITERATIONS, plan.iterations)).ensemble
             self._align(regularization=min(term.regularization, MAX_POSE_REGULARIZATION))
@@ -383,19 +385,13 @@ class _FitLoop(OptimizationLoop):
         moved = np.linalg.norm(self._recorded - before, axis=1)
         return bool(np.quantile(moved, 0.95) < _SETTLED * np.sqrt(MEAN_AREA / len(moved)))
 
-    def _relocate_misplaced(self, index: int, done: int) -> bool:
-        if not self.settings.method.uses_normals or 2 * done > self.stages[index].iterations:
-            return False
+    def _relocate_misplaced(self) -> None:
+        """Move particles whose normals disagree with the ensemble's to where it expects them."""
         normals = self.engine.aligned_normals()[0]
         angles = np.arccos(np.clip(np.einsum("ni,ni->n", normals, self._ensemble.normals), -1.0, 1.0))
-        misplaced = is_misplaced(angles, self._ensemble.angles) & (
-            self.repaired[0] <= self.log.iteration - done
-        )
-        if not misplaced.any() or misplaced.mean() > MAX_MISPLACED_FRACTION:
-            return False
-        self._relocate(misplaced[None])
-        self.repaired[0, misplaced] = self.log.iteration
-        return True
+        misplaced = is_misplaced(angles, self._ensemble.angles)
+        if misplaced.any() and misplaced.mean() <= MAX_MISPLACED_FRACTION:
+            self._relocate(misplaced[None])
 
     def _relocate(self, misplaced: BoolArray) -> None:
         """Move particles to where the ensemble's mean predicts them."""

@@ -100,6 +100,7 @@ class Reason(StrEnum):
 
     CONVERGED = "converged"
     ITERATIONS = "iterations"
+    REGISTRATION = "registration"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,6 +163,10 @@ class Checkpoint:
         The iteration at which a particle was relocated, 0 if never.
     tangential_weight : float
         Of tangential distances in steps of the poses while particles are few.
+    parts : float
+        Of the surface that varied independently when the particles were first placed.
+    left_out : float
+        The variance of left-out subjects then [squared optimizer length].
     """
 
     left: int
@@ -177,6 +182,8 @@ class Checkpoint:
     energies: FloatArray
     repaired: IntArray
     tangential_weight: float
+    parts: float
+    left_out: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)

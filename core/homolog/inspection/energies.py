@@ -7,15 +7,13 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from homolog.arrays import Float32Array, FloatArray, frozen
-from homolog.correspondence.entropy.terms import Term
-from homolog.correspondence.exchanges import EnsembleRows
 from homolog.geometry import scale_of
 from homolog.inspection.located_particles import LocatedParticles
 from homolog.inspection.neighbourhood import Neighbourhood
 from homolog.registration.entropy import covariance
 from homolog.settings import OptimizeSettings
 
-__all__ = ["ParticleEnergies", "particle_energies", "rows_of", "shared_entropy"]
+__all__ = ["ParticleEnergies", "particle_energies", "shared_entropy"]
 
 _WIDTH_ROUNDS = 30
 _EVEN_WIDTH = 1.0 / np.sqrt(np.pi)
@@ -70,27 +68,6 @@ def particle_energies(
         frozen(_sampling(located.distances)),
         frozen(shared_entropy(positions, settings.regularization_end)),
         frozen(shared_entropy(logs, _NORMALS_REGULARIZATION)),
-    )
-
-
-def rows_of(located: LocatedParticles, consensus: Neighbourhood) -> EnsembleRows:
-    """Return the rows of the entropies across shapes at the end of a run with default settings.
-
-    Particles are scaled to one size and centred. Opening angles, which only a run has, are omitted.
-    """
-    settings = OptimizeSettings()
-    areas = _areas(located)
-    factors = np.exp(0.5 * (np.log(areas).mean() - np.log(areas)))[:, None, None]
-    centred = located.world - located.world.mean(axis=1, keepdims=True)
-    return EnsembleRows(
-        factors * centred / _length(located),
-        located.normals,
-        consensus.normals,
-        np.zeros(located.world.shape[:2]),
-        (
-            Term(settings.ensemble_weight, settings.regularization_end),
-            Term(settings.normals_weight, _NORMALS_REGULARIZATION),
-        ),
     )
 
 

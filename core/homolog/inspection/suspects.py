@@ -1,15 +1,11 @@
 """Suspects of one subject, from its indicators."""
 
-from functools import cached_property
-
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
-from homolog.correspondence.exchanges import LEAST_GAIN, Exchanges
 from homolog.inspection import indicators as signs
-from homolog.inspection.energies import rows_of
 from homolog.inspection.located_particles import LocatedParticles
 from homolog.inspection.neighbourhood import Neighbourhood
 from homolog.inspection.swapped_pairs import swapped_pairs
@@ -22,11 +18,6 @@ _CANDIDATE = 0.6
 
 _MOST = 200
 """Largest number of candidates for exchanged pairs per subject; the worst ones are tested."""
-
-
-_CLEAR_GAIN = 2.0 * LEAST_GAIN
-"""Least decrease of the objective by an exchange. It is larger than in a run, which uses normals of the
-distance field and opening angles."""
 
 
 class SuspectCollector:
@@ -42,10 +33,6 @@ class SuspectCollector:
         self._neighbours = signs.severity(self._misfits, signs.STRETCH)
         self._triangles = signs.severity(distortions, signs.DISTORTION)
 
-    @cached_property
-    def _exchanges(self) -> Exchanges:
-        return Exchanges(rows_of(self._located, self._consensus))
-
     def suspects(self, m: int) -> list[Suspect]:
         """Return the suspects of a subject; an exchange explains all indicators of its two particles."""
         corners = self._consensus.triangles
@@ -57,8 +44,6 @@ class SuspectCollector:
         suspects = []
         candidates = np.argsort(-worst, kind="stable")[: min(_MOST, int((worst > _CANDIDATE).sum()))]
         for pair in swapped_pairs(m, candidates, self._located, self._consensus):
-            if not self._exchanges.lower(m, pair, _CLEAR_GAIN):
-                continue
             touched = np.isin(corners, pair).any(axis=1)
             bad = self._triangles[m][touched & (self._triangles[m] >= 1.0)]
             own = np.concatenate([self._normals[m, pair], self._neighbours[m, pair], bad])

@@ -32,6 +32,7 @@ IMPORTED = "imported"
 _ENDINGS = {
     "converged": "converged after {} iterations",
     "iterations": "not converged after {} iterations",
+    "registration": "registered only: {} iterations made left-out subjects harder to predict",
     "cancelled": "cancelled after {} iterations",
     IMPORTED: "imported, not optimized here",
 }

@@ -64,8 +64,10 @@ def _fits_together(stored: dict[str, Array]) -> bool:
     shape = stored["positions"].shape
     return (
         all(count.ndim == 0 and count.dtype.kind == "i" and count >= 0 for count in counts)
-        and stored["tangential_weight"].ndim == 0
-        and stored["tangential_weight"].dtype.kind in "fi"
+        and all(
+            stored[name].ndim == 0 and stored[name].dtype.kind in "fi"
+            for name in ("tangential_weight", "parts", "left_out")
+        )
         and len(shape) == 3
         and shape[2] == 3
         and stored["widths"].shape == stored["faces"].shape == stored["repaired"].shape == shape[:2]

@@ -26,6 +26,7 @@ from homolog.correspondence.ensemble import (
     generalization_error,
     make_ensemble,
 )
+from homolog.correspondence.entropy.weight import weighted
 from homolog.correspondence.fields import opening_scale
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.passes import EXTRAPOLATION, plan_passes
@@ -173,7 +174,8 @@ def fit_others(
     count, particles = len(shapes), outcome.local.shape[1]
     states, following = (StateArrays(count, particles, store) for _ in range(2))
     workspace = store(np.empty((count, 3 * particles), np.float32))
-    passes, first = plan_passes(fits.placing), part_of(tick, 0.05, 0.3)
+    modes = ensemble.position_variances, int(ensemble.subjects[0])
+    passes, first = plan_passes(weighted(fits.placing, *modes)), part_of(tick, 0.05, 0.3)
     key = fits.key(f"{outcome.inputs.fingerprint} {passes}", first)
     reached = fits.reached(key, states, following, first)
     if reached is None:

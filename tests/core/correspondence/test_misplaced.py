@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from homolog.correspondence.exchanges import EnsembleRows, Exchanges
 from scipy.spatial import cKDTree
 
 from homolog.correspondence import InitialParticles, loop, optimize, recorder
 from homolog.correspondence.entropy.terms import Term
-from homolog.correspondence.exchanges import EnsembleRows, Exchanges
 from homolog.correspondence.misplaced import exchange, find_misplaced, find_swapped, snap_to_mesh
 from homolog.errors import Cancelled
 from homolog.settings import Method, OptimizeSettings
