@@ -1,9 +1,10 @@
 """Errors of correspondence against known truth: nearest points, the start, and the result.
 
     python tests/benchmarks/truth.py --folder GROOMED [--cohorts skulls …] [--particles 64 128 512 1024]
-                                     [--seeds 0 1 2] [--device cpu] [--rows FILE]
+                                     [--seeds 0 1 2] [--device cpu] [--rows FILE] [--invented]
 
-Cohorts are groomed once, into GROOMED. HOMOLOG_DATA names the folder of the real cohorts.
+With --invented, cohorts are those of `invented_anatomies.py`. Cohorts are groomed once, into GROOMED.
+HOMOLOG_DATA names the folder of the real cohorts.
 
 Landmarks of experts are carried between all pairs of subjects by thin plates through the 64 nearest
 particles, and put on the nearest point of the surface. Where all meshes of a cohort have the same faces, a
@@ -24,6 +25,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import invented_anatomies
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
@@ -48,6 +50,7 @@ class Source:
     landmarks: str = ""
     archive: str = ""  # NumPy file with the meshes
     structure: str = ""
+    is_invented: bool = False
 
 
 SOURCES = {
@@ -62,12 +65,21 @@ SOURCES = {
 }
 
 
+INVENTED = {
+    name: Source(name, is_invented=True)
+    for name in (
+        "annulus", "aortic_arch", "atrium", "caudate", "cochlea", "incisor", "mandible", "meniscus", "molar",
+        "rib", "right_ventricle", "skull", "skullcap", "tibia",
+    )
+}  # fmt: skip
+
+
 def groomed(name, folder):
     """Return the shapes of a cohort and its truth: landmarks (M, L, 3), or vertices and faces."""
     kept = folder / f"{name.replace(' ', '_')}.pkl"
     if not kept.is_file():
         folder.mkdir(parents=True, exist_ok=True)
-        kept.write_bytes(pickle.dumps(prepared(SOURCES[name]), protocol=5))
+        kept.write_bytes(pickle.dumps(prepared({**SOURCES, **INVENTED}[name]), protocol=5))
     return pickle.loads(kept.read_bytes())
 
 
@@ -81,7 +93,12 @@ def prepared(source):
 
     settings = RunSettings().groom
     with tempfile.TemporaryDirectory() as place:
-        where = unpacked(source, Path(place)) if source.archive else DATA / source.folder
+        where = DATA / source.folder
+        if source.archive:
+            where = unpacked(source, Path(place))
+        if source.is_invented:
+            where = Path(place) / source.folder
+            invented_anatomies.make(source.folder, where, seed=0)
         cohort = read_cohort(where)
         annotated, alignments = align_cohort(cohort, groom_cohort(cohort, settings), settings)
         shapes = [
@@ -90,6 +107,9 @@ def prepared(source):
         ]
         if source.landmarks:
             return shapes, placed(DATA / source.folder / source.landmarks, shapes)
+        if source.is_invented:
+            with np.load(where.with_suffix(".truth.npz")) as known:
+                return shapes, (np.array([known[shape.name] for shape in shapes]), known["faces"])
         files = [next(where.glob(f"{shape.name}.*")) for shape in shapes]
         meshes = [trimesh.load(file, process=False) for file in files]
     return shapes, (np.array([mesh.vertices for mesh in meshes], float), np.asarray(meshes[0].faces))
@@ -247,14 +267,15 @@ def main():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--folder", type=Path, required=True)
-    parser.add_argument("--cohorts", nargs="+", choices=list(SOURCES), default=list(SOURCES))
+    parser.add_argument("--invented", action="store_true")
+    parser.add_argument("--cohorts", nargs="+", choices=[*SOURCES, *INVENTED])
     parser.add_argument("--particles", nargs="+", type=int, default=[64, 128, 512, 1024])
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
     parser.add_argument("--device", default="auto")
     parser.add_argument("--rows", type=Path)
     arguments = parser.parse_args()
     device, rows = choose_device(arguments.device), []
-    for name in arguments.cohorts:
+    for name in arguments.cohorts or (INVENTED if arguments.invented else SOURCES):
         shapes, truth = groomed(name, arguments.folder)
         for particles in arguments.particles:
             for seed in arguments.seeds:

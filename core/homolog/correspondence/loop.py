@@ -127,7 +127,7 @@ class OptimizationLoop:
             self._begin(Start.of(self.engine.aligned_positions()))
         else:
             begin, done = self._stage_of(resume), resume.done
-            self._begin(Start(resume.parts, resume.left_out))
+            self._begin(Start(resume.parts, resume.variance, resume.left_out))
             self.log.restore(resume)
             self.poses = resume.poses
             saved = Particles(

@@ -169,6 +169,7 @@ class RunRecorder:
                 repaired=repaired.copy(),
                 tangential_weight=self.tangential_weight,
                 parts=start.parts,
+                variance=start.variance,
                 left_out=start.left_out,
             )
         )

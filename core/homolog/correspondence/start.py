@@ -24,40 +24,42 @@ class Start:
     ----------
     parts : float
         Of the surface that vary independently (`independent_parts`).
+    variance : float
+        Of a subject about the mean, per particle [squared optimizer length].
     left_out : float
-        Variance of a left-out subject about its best fit by all modes of the others, per particle
-        [squared optimizer length]; 0 with fewer than three subjects.
+        The same of a left-out subject about its best fit by all modes of the others; 0 with fewer than three.
     """
 
     parts: float
+    variance: float
     left_out: float
 
     @classmethod
     def of(cls, aligned: FloatArray) -> Self:
         """Return the numbers of aligned particles (M, n, 3)."""
-        subjects = len(aligned)
-        modes = np.linalg.eigvalsh(_covariance(aligned)).astype(np.float64)
-        return cls(independent_parts(modes, subjects), _left_out(aligned))
+        matrix = _covariance(aligned)
+        modes = np.linalg.eigvalsh(matrix).astype(np.float64)
+        return cls(independent_parts(modes, len(aligned)), float(np.trace(matrix)), _left_out(matrix))
 
     def is_better_than(self, aligned: FloatArray) -> bool:
-        """Return whether as many aligned particles (M, n, 3) predict left-out subjects clearly worse.
+        """Return whether as many aligned particles (M, n, 3) are clearly noisier.
 
-        The ratio of the variances is compared with chance (F-test), in which every independent part of every
-        subject counts once.
+        They are if both variances have grown by more than chance (F-test), in which every independent part of
+        every subject counts once.
         """
-        now, freedom = _left_out(aligned), self.parts * len(aligned)
+        now, freedom = Start.of(aligned), self.parts * len(aligned)
         if not self.left_out > 0.0:
             return False
-        return bool(f_distribution.sf(now / self.left_out, freedom, freedom) < CHANCE)
+        ratios = now.variance / self.variance, now.left_out / self.left_out
+        return bool(f_distribution.sf(min(ratios), freedom, freedom) < CHANCE)
 
 
-def _left_out(aligned: FloatArray) -> float:
+def _left_out(matrix: FloatArray) -> float:
     """Return the mean squared distance of a subject from the affine span of the others, per particle."""
-    matrix, subjects = _covariance(aligned), len(aligned)
-    if subjects < 3 or not np.trace(matrix) > 0.0:
+    if len(matrix) < 3 or not np.trace(matrix) > 0.0:
         return 0.0
     inverse = np.linalg.pinv(matrix, rcond=1e-6, hermitian=True)  # the positions are of single precision
-    return float((subjects - 1) * (1.0 / np.diag(inverse)).mean())
+    return float((len(matrix) - 1) * (1.0 / np.diag(inverse)).mean())
 
 
 def _covariance(aligned: FloatArray) -> FloatArray:

@@ -165,8 +165,8 @@ class Checkpoint:
         Of tangential distances in steps of the poses while particles are few.
     parts : float
         Of the surface that varied independently when the particles were first placed.
-    left_out : float
-        The variance of left-out subjects then [squared optimizer length].
+    variance, left_out : float
+        Of a subject, and of a left-out one, then (`Start`) [squared optimizer length].
     """
 
     left: int
@@ -183,6 +183,7 @@ class Checkpoint:
     repaired: IntArray
     tangential_weight: float
     parts: float
+    variance: float
     left_out: float
 
 

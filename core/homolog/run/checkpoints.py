@@ -66,7 +66,7 @@ def _fits_together(stored: dict[str, Array]) -> bool:
         all(count.ndim == 0 and count.dtype.kind == "i" and count >= 0 for count in counts)
         and all(
             stored[name].ndim == 0 and stored[name].dtype.kind in "fi"
-            for name in ("tangential_weight", "parts", "left_out")
+            for name in ("tangential_weight", "parts", "variance", "left_out")
         )
         and len(shape) == 3
         and shape[2] == 3

@@ -93,7 +93,7 @@ def test_a_new_subject_lands_where_it_is_in_the_joint_model(result, spacing, ell
 
 
 def test_more_particles_are_added_to_those_there_are(result, ellipsoid_shapes):
-    more = SETTINGS.model_copy(update={"particles": 230})
+    more = SETTINGS.model_copy(update={"particles": 230, "ensemble_weight": 0.02})
     grown = optimize(ellipsoid_shapes, more, initial=InitialParticles(result.local))
     fresh = optimize(ellipsoid_shapes, more)
     assert grown.world.shape == (5, 230, 3)

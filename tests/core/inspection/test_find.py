@@ -36,15 +36,6 @@ def test_exchanged_neighbours_are_told_from_others(known, good):
         assert (first.kind, first.subject, set(first.particles)) == (Kind.EXCHANGED, 1, set(pair))
 
 
-def test_an_exchange_that_would_not_lower_the_objective_is_listed_by_its_other_signs(
-    known, good, monkeypatch
-):
-    monkeypatch.setattr("homolog.inspection.suspects.Exchanges.lower", lambda *_: False)
-    kinds = {item.kind for item in known.again(good, exchanged(known.local, 0, [3, 120]), 0).suspects}
-    assert Kind.NEIGHBOURS in kinds
-    assert Kind.EXCHANGED not in kinds
-
-
 def test_two_exchanges_on_two_subjects_are_two_suspects(known):
     local = exchanged(exchanged(known.local, 0, [3, 120]), 3, [50, 99])
     result = known.inspect(local).suspects[:2]
