@@ -4,7 +4,7 @@ import json
 import pytest
 
 from homolog_app.cli import main
-from homolog_app.cli.samples import ComparisonRow, table_text
+from homolog_app.cli.demo import SHAPES, ComparisonRow, table_text
 
 
 @pytest.fixture(scope="module")
@@ -12,11 +12,11 @@ def small_demo(tmp_path_factory):
     """A demo with four beans and few particles; the subjects' pictures are left out."""
     out = tmp_path_factory.mktemp("demo") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("homolog_app.cli.samples.SHAPES", 4)
+        patch.setitem(SHAPES, "beans", 4)
         patch.setattr("homolog_app.pictures.figures.draw_figures", lambda project, tick: None)
         lines: list[str] = []
         patch.setattr("sys.stdout.write", lines.append)
-        code = main(["demo", "--out", str(out), "--particles", "8", "--progress", "json"])
+        code = main(["demo", "--beans", "--out", str(out), "--particles", "8", "--progress", "json"])
     return code, out, "".join(lines)
 
 
@@ -66,6 +66,17 @@ def test_progress_runs_once_from_start_to_end(small_demo):
     assert len(fractions) > 20
     assert any("original method" in event["message"] for event in events)
     assert any("proposed method" in event["message"] for event in events)
+
+
+def test_vertebrae_are_compared_with_their_known_correspondence(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(SHAPES, "vertebrae", 4)
+    out = tmp_path / "out"
+    assert main(["demo", "--out", str(out), "--particles", "24"]) == 0
+    with (out / "comparison.csv").open(newline="") as stream:
+        rows = {row["figure"]: row for row in csv.DictReader(stream)}
+    assert 0.0 < float(rows["error_mean"]["proposed"]) < float(rows["error_p95"]["proposed"])
+    assert (out / "comparison.png").stat().st_size > 20_000
+    assert "in the paper" not in capsys.readouterr().out
 
 
 def test_a_folder_with_other_files_is_left_alone(tmp_path, capsys):

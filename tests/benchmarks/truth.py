@@ -34,12 +34,13 @@ from homolog.correspondence import Shape, optimize
 from homolog.correspondence.surface_sets import normalize_size
 from homolog.device import choose_device
 from homolog.geometry import inverse_matrices, transform_points
+from homolog.samples.evaluate import place_errors, places_on
 from homolog.settings import OptimizeSettings, RunSettings
 from homolog.surfaces.closest import closest_points
+from homolog.surfaces.mesh import TriangleMesh
 
 DATA = Path(os.environ.get("HOMOLOG_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 SPLINE_PARTICLES = 64
-CANDIDATES = 32  # faces by their centres, of which the nearest is the one of a point
 
 
 @dataclass(frozen=True)
@@ -157,30 +158,10 @@ def carried_errors(local, landmarks, snaps):
     return float(np.nanmean(np.concatenate(errors)))
 
 
-def places(vertices, faces, points):
-    """Return the faces that points lie on, and their barycentric coordinates there."""
-    corners = vertices[faces]
-    near = np.asarray(cKDTree(corners.mean(axis=1)).query(points, k=min(CANDIDATES, len(faces)))[1])
-    first, *others = corners[near].transpose(2, 0, 1, 3)
-    sides = np.stack([other - first for other in others], axis=-1)
-    inner = (np.linalg.pinv(sides) @ (points[:, None] - first)[..., None])[..., 0]
-    weights = np.maximum(np.concatenate([1.0 - inner.sum(axis=-1, keepdims=True), inner], axis=-1), 0.0)
-    weights /= weights.sum(axis=-1, keepdims=True)
-    found = np.einsum("nkc,nkcx->nkx", weights, corners[near])
-    best = np.linalg.norm(found - points[:, None], axis=-1).argmin(axis=1)
-    rows = np.arange(len(points))
-    return near[rows, best], weights[rows, best]
-
-
 def dense_errors(local, truth):
     """Return the mean error of particles (M, N, 3) where faces correspond."""
     vertices, faces = truth
-    errors = []
-    for k, points in enumerate(local):
-        on, weights = places(vertices[k], faces, points)
-        true = np.einsum("nc,mncx->mnx", weights, vertices[:, faces[on]])
-        errors.append(np.delete(np.linalg.norm(true - local, axis=2), k, axis=0))
-    return float(np.mean(errors))
+    return float(place_errors([TriangleMesh(own, faces) for own in vertices], local).distances.mean())
 
 
 def nearest(shapes, poses, points):
@@ -215,7 +196,7 @@ def nearest_error(shapes, alignments, truth, local):
     found, (vertices, faces) = nearest(shapes, poses, local), truth
     errors = []
     for k, points in enumerate(local):
-        on, weights = places(vertices[k], faces, points)
+        on, weights = places_on(vertices[k], faces, points)
         true = np.einsum("nc,mncx->mnx", weights, vertices[:, faces[on]])
         errors.append(np.delete(np.linalg.norm(found[k] - true, axis=-1), k, axis=0))
     return float(np.mean(errors))

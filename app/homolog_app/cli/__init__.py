@@ -33,7 +33,7 @@ _COMMANDS = {
     "batch": ("project", "compute a shape model of each structure of a cohort"),
     "info": ("project", "show what a project contains"),
     "table": ("project", "add or replace groups and covariates of a project"),
-    "demo": ("samples", "run the paper's coffee-bean experiment"),
+    "demo": ("demo", "compare two methods on generated anatomy of known truth"),
     "sample": ("samples", "generate a sample study with known truth"),
     "beans": ("samples", "generate the paper's coffee-bean cohort"),
     "analyze": ("analysis", "compare groups, regress on a variable, compare pairs"),
