@@ -5,6 +5,7 @@ import pytest
 from matplotlib.text import Text
 
 from homolog.patient.distribution import percentile
+from homolog.statistics.welch import compare_measure
 from homolog_app.pictures.layout import write_picture
 from homolog_app.plots import (
     discriminant_points,
@@ -64,17 +65,8 @@ def _figures(colours):
         **row,
     )
     draw_slope(drawn["slope"].subplots(), numbers[:, 0], numbers[:, 1], groups, "age", 0.1, **row)
-    parts = [numbers[:3, 0], numbers[3:, 0]]
-    draw_boxes(
-        drawn["boxes"].subplots(),
-        parts,
-        ("a", "b"),
-        [("1 ± 2", "1")] * 2,
-        "Volume",
-        "ml",
-        places=range(2),
-        **row,
-    )
+    measure = compare_measure(numbers[:, 0], [*("a" * 3), *("b" * (len(numbers) - 3))])
+    draw_boxes(drawn["boxes"].subplots(), measure, "Volume", "ml", places=range(2), **row)
     draw_measure(drawn["measure"].subplots(), np.arange(9.0), numbers[:, 0], "Volume", "mode 1 (SD)", **row)
     draw_energies(drawn["energies"].subplots(1, 3), numbers, **row)
     draw_quality(
@@ -239,8 +231,8 @@ def test_a_part_of_the_objective_that_does_not_count_says_so():
 
 def test_nearly_equal_measures_look_nearly_equal():
     axes = _axes()
-    parts = [np.array([79.55, 79.551]), np.array([79.56, 79.562])]
-    draw_boxes(axes, parts, ("a", "b"), [("80 ± 0", "80")] * 2, "Distance", "mm", COLOURS, range(2))
+    measure = compare_measure(np.array([79.55, 79.551, 79.56, 79.562]), ["a", "a", "b", "b"])
+    draw_boxes(axes, measure, "Distance", "mm", COLOURS, range(2))
     low, high = axes.get_ylim()
     assert high - low > 1.0
     assert low < 79.55 < 79.562 < high

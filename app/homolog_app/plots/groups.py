@@ -22,11 +22,12 @@ from homolog_app.plots.model import (
     width_of,
 )
 from homolog_app.rendering.colours import Colours
-from homolog_app.rendering.text import legible, shortened
+from homolog_app.rendering.text import legible, short, shortened
 
 if TYPE_CHECKING:
     from homolog.patient import PatientComparison, Percentile, Reference
     from homolog.statistics.anova import Allometry
+    from homolog.statistics.welch import GroupMeasure
 
 __all__ = [
     "discriminant_points",
@@ -34,6 +35,7 @@ __all__ = [
     "draw_boxes",
     "draw_discriminant",
     "draw_measure",
+    "draw_pair",
     "draw_percentiles",
     "draw_slope",
     "draw_value",
@@ -162,9 +164,7 @@ def draw_allometry(
 
 def draw_boxes(
     axes: Axes,
-    parts: Sequence[FloatArray],
-    names: Sequence[str],
-    means: Sequence[Sequence[str]],
+    measure: "GroupMeasure",
     title: str,
     unit: str,
     colours: Colours,
@@ -178,18 +178,15 @@ def draw_boxes(
     Parameters
     ----------
     axes : Axes
-    parts : sequence of (n,) array
-        The measure of each group.
-    names : sequence of str
-        The groups. Names are omitted if only a few letters would fit.
-    means : sequence of sequence of str
-        The mean of each group, with its standard deviation next to it, below it, and without; the first one
-        that fits is written.
+    measure : GroupMeasure
+        Names are omitted if only a few letters would fit. The mean is written with its standard deviation
+        next to it, below it, or without, as fits.
     title, unit : str
     colours : Colours
     places : sequence of int
         Places of the groups in the order of all groups, on which their colours depend.
     """
+    parts = measure.values
     dress(axes, colours, title, "", unit)
     line = {"linewidth": LINE_PT}
     drawn = axes.boxplot(
@@ -215,10 +212,11 @@ def draw_boxes(
         axes.plot(index + across, part, ".", color=colour, markersize=5)
     width = 0.72 * axes.bbox.width / len(parts)  # the texts next to the frame take some
     room = points_in(axes, width) - _GAP_PT
+    means = map(_mean_texts, measure.means, measure.deviations)
     below = next(
         (texts for texts in zip(*means, strict=True) if max(map(width_of, texts)) <= room), [""] * len(parts)
     )
-    names = [legible(name) for name in names]
+    names = [legible(name) for name in measure.groups]
     if max(map(width_of, names), default=0.0) > room:
         count = letters(axes, width)
         names = [shortened(name, count) if count >= _LEGIBLE else "" for name in names]
@@ -227,6 +225,33 @@ def draw_boxes(
     )
     axes.set_xlim(-0.6, len(parts) - 0.4)
     _widen(axes)
+
+
+def _mean_texts(mean: float, deviation: float) -> tuple[str, str, str]:
+    """Return a mean with its deviation next to it, below it, and without."""
+    digits = int(np.clip(np.ceil(-np.log10(deviation / 2.0)), 0, 3)) if deviation > 0.0 else 1
+    spread = f"±\u2009{deviation:.{digits}f}" if np.isfinite(deviation) else ""
+    fixed = f"{mean:.{digits}f}"
+    return f"{fixed}\u2009{spread}".strip(), f"{fixed}\n{spread}".strip(), short(mean)
+
+
+def draw_pair(
+    axes: Axes,
+    points: FloatArray,
+    groups: Sequence[str],
+    labels: tuple[str, str],
+    colours: Colours,
+    *,
+    ellipses: bool = False,
+) -> None:
+    """Draw two measures (M, 2) of subjects by group, with the correlation of all of them in the title."""
+    draw_scores(axes, points, groups, labels, colours, ellipses=ellipses)
+    low, high = points.min(axis=0), points.max(axis=0)
+    rim = np.maximum(0.1 * (high - low), 1e-6)
+    axes.set(xlim=(low[0] - rim[0], high[0] + rim[0]), ylim=(low[1] - rim[1], high[1] + rim[1]))
+    if len(points) > 2 and (high > low).all():
+        r = f"r = {np.corrcoef(points.T)[0, 1]:.2f}".replace("-", "−")
+        axes.set_title(r, loc="right", fontsize=FONT_PT, color=colours.text)  # not over points
 
 
 def _widen(axes: Axes) -> None:

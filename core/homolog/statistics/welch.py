@@ -102,8 +102,8 @@ class GroupMeasure:
     ----------
     groups : tuple of str
         Names of the groups, sorted.
-    counts : tuple of int
-        Numbers of subjects with a value.
+    values : tuple of (n,) array
+        The values of each group that are not missing.
     means, deviations : tuple of float
         Mean and standard deviation of each group, in the measure's unit; the deviation of a single subject is
         NaN.
@@ -112,10 +112,15 @@ class GroupMeasure:
     """
 
     groups: tuple[str, ...]
-    counts: tuple[int, ...]
+    values: tuple[FloatArray, ...]
     means: tuple[float, ...]
     deviations: tuple[float, ...]
     p: float | None
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Numbers of subjects with a value."""
+        return tuple(map(len, self.values))
 
 
 def compare_measure(values: FloatArray, groups: Sequence[str]) -> GroupMeasure:
@@ -147,7 +152,7 @@ def compare_measure(values: FloatArray, groups: Sequence[str]) -> GroupMeasure:
     values_by_group = [np.asarray(values[used & (labels == name)], np.float64) for name in names]
     return GroupMeasure(
         names,
-        tuple(len(part) for part in values_by_group),
+        tuple(values_by_group),
         tuple(float(part.mean()) for part in values_by_group),
         tuple(float(part.std(ddof=1)) if len(part) > 1 else float("nan") for part in values_by_group),
         _welch_p(values_by_group),

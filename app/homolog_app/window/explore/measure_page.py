@@ -213,7 +213,6 @@ class BoxPlot(Plot):
         super().__init__(theme, name, _NOT_MEASURED)
         self.setMinimumWidth(_WIDTH)
         self._name, self._unit = name, unit
-        self._parts: list[FloatArray] = []
         self._groups: list[str] = []
         self.measure: GroupMeasure | None = None
 
@@ -226,8 +225,7 @@ class BoxPlot(Plot):
         """Show a measure of subjects (M,), with the group of each."""
         self.measure = measure = compare_measure(values, groups)
         self.hint.setText("Assign groups in Cohort to see this measure by group.")
-        labels, self._groups = np.array(groups, dtype=object), reference_first(filter(None, groups))
-        self._parts = [values[(labels == name) & np.isfinite(values)] for name in measure.groups]
+        self._groups = reference_first(filter(None, groups))
         test = "no test" if measure.p is None else p_text(measure.p)
         self.title = f"{self._name}: {test}"
         rows = zip(measure.groups, measure.means, measure.deviations, measure.counts, strict=True)
@@ -245,7 +243,7 @@ class BoxPlot(Plot):
 
     def clear(self) -> None:
         """Show the hint instead of a measure, as for a study without measures."""
-        self.measure, self._parts, self.title = None, [], self._name
+        self.measure, self.title = None, self._name
         self.hint.setText(_NOT_MEASURED)
         self.setAccessibleDescription("")
         self.setToolTip("")
@@ -257,15 +255,9 @@ class BoxPlot(Plot):
 
         measure = self.measure
         assert measure is not None
-        means = []
-        for mean, deviation in zip(measure.means, measure.deviations, strict=True):
-            digits = int(np.clip(np.ceil(-np.log10(deviation / 2.0)), 0, 3)) if deviation > 0.0 else 1
-            spread = f"±\u2009{deviation:.{digits}f}" if np.isfinite(deviation) else ""
-            fixed = f"{mean:.{digits}f}"
-            means.append((f"{fixed}\u2009{spread}".strip(), f"{fixed}\n{spread}".strip(), short(mean)))
         title, colours = self.title.replace(": ", "\n"), self.theme.colours  # the plot may be narrow
         places = [self._groups.index(name) for name in measure.groups]
-        draw_boxes(figure.subplots(), self._parts, measure.groups, means, title, self._unit, colours, places)
+        draw_boxes(figure.subplots(), measure, title, self._unit, colours, places)
 
 
 class GroupLegend(QLabel):
@@ -318,18 +310,10 @@ class PairPlot(ScatterPlot):
 
     def draw_data(self, axes: "Axes") -> None:
         """Draw the subjects by group, with the correlation of all of them."""
-        from homolog_app.plots import draw_scores
-        from homolog_app.plots.model import FONT_PT
+        from homolog_app.plots import draw_pair
 
-        colours, ellipses = self.theme.colours, self.options[ELLIPSES]
-        draw_scores(axes, self.points, self.groups, self.labels, colours, ellipses=ellipses)
-        low, high = self.points.min(axis=0), self.points.max(axis=0)
-        rim = np.maximum(0.1 * (high - low), 1e-6)
-        axes.set(xlim=(low[0] - rim[0], high[0] + rim[0]), ylim=(low[1] - rim[1], high[1] + rim[1]))
-        if len(self.points) > 2 and (high > low).all():
-            x, y = self.points.T - self.points.mean(axis=0)[:, None]
-            r = f"r = {x @ y / np.sqrt((x @ x) * (y @ y)):.2f}".replace("-", "−")
-            axes.set_title(r, loc="right", fontsize=FONT_PT, color=colours.text)  # not over points
+        ellipses = self.options[ELLIPSES]
+        draw_pair(axes, self.points, self.groups, self.labels, self.theme.colours, ellipses=ellipses)
 
     def text_of(self, name: str) -> str:
         """Return a subject's measures as text."""
