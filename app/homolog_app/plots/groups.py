@@ -250,7 +250,7 @@ def draw_pair(
     rim = np.maximum(0.1 * (high - low), 1e-6)
     axes.set(xlim=(low[0] - rim[0], high[0] + rim[0]), ylim=(low[1] - rim[1], high[1] + rim[1]))
     if len(points) > 2 and (high > low).all():
-        r = f"r = {np.corrcoef(points.T)[0, 1]:.2f}".replace("-", "−")
+        r = f"r = {np.asarray(np.corrcoef(points.T))[0, 1]:.2f}".replace("-", "−")
         axes.set_title(r, loc="right", fontsize=FONT_PT, color=colours.text)  # not over points
 
 

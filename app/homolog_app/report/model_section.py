@@ -1,4 +1,4 @@
-"""The model of a report: methods and settings of the run, and the quality of its correspondence."""
+"""The model of a report: settings of the run, and the quality of its correspondence."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
@@ -10,12 +10,10 @@ from pydantic import BaseModel
 
 from homolog.comparison.answer import Answer
 from homolog.comparison.places import SurfaceCarrier
-from homolog.comparison.sample import voxel_text
 from homolog.inspection.located_particles import closest_points_on
 from homolog.io.records import ResultRecord
 from homolog.io.results import Result
 from homolog.io.tables import write_table
-from homolog.settings import Procrustes
 from homolog.surfaces.comparison import distances_both_ways
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import areas_of_particles, nearest_particles
@@ -26,114 +24,10 @@ if TYPE_CHECKING:
 __all__ = [
     "CorrespondenceRow",
     "correspondence_rows",
-    "correspondence_text",
     "landmark_text",
-    "model_methods",
-    "pose_text",
     "settings_rows",
     "write_correspondence",
 ]
-
-
-def model_methods(record: ResultRecord) -> tuple[str, str, str]:
-    """Return a paragraph each on particles, grooming and model, for the methods section of a paper."""
-    return _placed(record), _groomed(record), _model(record)
-
-
-def _groomed(record: ResultRecord) -> str:
-    if record.source:
-        return "Surfaces and their alignment are those of that program."
-    spacings = [subject.spacing for subject in record.subjects if subject.spacing]
-    spacing = f" at {_range(spacings, '.3g')} mm" if spacings else ""
-    vertices = [subject.vertices for subject in record.subjects if subject.vertices]
-    surfaces = f" Surfaces had {_range(vertices, 'd')} vertices." if vertices else ""
-    voxels = [sorted(subject.voxel) for subject in record.subjects if subject.voxel]
-    edges = f"Voxels of the files were {voxel_text(voxels)} mm (the shortest edge first). " if voxels else ""
-    return (
-        f"{edges}Segmentations were cleaned (enclosed cavities filled) and antialiased{spacing}; surfaces "
-        f"are the zero levels of signed distance fields.{surfaces} All settings are in settings.csv."
-    )
-
-
-def _model(record: ResultRecord) -> str:
-    smoothed = record.smoothed_particles
-    surface = (
-        f", which is smoother around {smoothed} particles, where the mean or a mode would fold"
-        if smoothed
-        else ""
-    )
-    folds = f" {record.folded_faces} of its faces are folded." if record.folded_faces else ""
-    remarks = _REPAIRED if any("repaired" in remark for remark in record.remarks) else ""
-    return (
-        f"The shape model is a principal component analysis of the particle positions, {pose_text(record)} "
-        "(variances with the divisor n - 1). The mean surface is the mesh of the subject nearest to the "
-        f"mean, warped to the mean particles by a thin-plate spline{surface}.{folds}{remarks}"
-    )
-
-
-_REPAIRED = (
-    " During the run misplaced particles were moved to the positions predicted by the other subjects, and "
-    "optimized again."
-)
-
-
-def _range(values: Sequence[float], form: str) -> str:
-    low, high = format(min(values), form), format(max(values), form)
-    return low if low == high else f"{low} to {high}"
-
-
-def _placed(record: ResultRecord) -> str:
-    count = f"{len(record.subjects)} shapes, {record.particles} on each,"
-    program = f"Homolog {record.versions.get('homolog', '')}"
-    if record.source:
-        return (
-            f"Corresponding points on {count} were placed by another program and imported with {program} "
-            f"from {record.source}."
-        )
-    method = record.settings.optimize.method
-    ended = "converged" if record.ended == "converged" else "was stopped before convergence"
-    mirrored = f" Before that, {record.mirrored_text}." if record.mirrored_text else ""
-    marked = ", first points on landmarks" if record.settings.optimize.landmarks else ""
-    return (
-        f"Corresponding points were placed with {program} on {count} by entropy-based particle optimization "
-        f"[homolog, datar, cates] with {record.metric} distances between particles on a shape (method "
-        f"{method}, seed {record.settings.optimize.seed}{marked}). The optimizer {ended} after "
-        f"{record.iterations} iterations.{mirrored} {_jointly(record)} "
-        f"{_POSES[record.settings.placing.procrustes]}"
-    )
-
-
-def _jointly(record: ResultRecord) -> str:
-    size = record.settings.optimize.core_set
-    if size is None or size >= len(record.subjects):
-        return "All shapes were optimized jointly."
-    return f"A core set of {size} shapes was optimized jointly, and the others were fitted to it one by one."
-
-
-def pose_text(record: ResultRecord) -> str:
-    """Describe the alignment and size of the model's shapes."""
-    if record.source:
-        return "as they were imported"
-    return _MODEL_POSES[record.settings.placing.procrustes]
-
-
-_MODEL_POSES = {
-    Procrustes.OFF: "as grooming aligned them",
-    Procrustes.RIGID: "aligned rigidly by their particles, with their own sizes",
-    Procrustes.FORM: "aligned rigidly by their particles, with their own sizes",
-    Procrustes.SIMILARITY: "aligned by their particles and scaled to one size",
-}
-_POSES = {
-    Procrustes.OFF: "During the optimization they remained in their poses after grooming.",
-    Procrustes.RIGID: "During the optimization they were aligned rigidly by their particles.",
-    Procrustes.FORM: (
-        "During the optimization they were aligned by their particles and scaled to one size; the positions "
-        "that are analyzed have their original sizes."
-    ),
-    Procrustes.SIMILARITY: (
-        "During the optimization they were aligned by their particles and scaled to one size."
-    ),
-}
 
 
 def _values_of(settings: BaseModel) -> Iterator[tuple[str, str]]:
@@ -223,18 +117,6 @@ def correspondence_rows(
             )
         )
     return rows
-
-
-def correspondence_text(rows: Sequence[CorrespondenceRow]) -> str:
-    """Return how well particles represent the surfaces, in a sentence; empty without surfaces."""
-    if not rows:
-        return ""
-    worst = max(rows, key=lambda row: row.surface_mean_mm)
-    mean = float(np.mean([row.surface_mean_mm for row in rows]))
-    return (
-        f"Surfaces lie {mean:.2g} mm on average from the mean surface that is warped to their particles, at "
-        f"most {worst.surface_mean_mm:.2g} mm ({worst.name}; each subject: correspondence.csv). "
-    )
 
 
 def write_correspondence(folder: Path, rows: Sequence[CorrespondenceRow]) -> None:

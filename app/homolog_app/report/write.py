@@ -10,18 +10,18 @@ from pathlib import Path
 from homolog.comparison.answer import Answer
 from homolog.comparison.ask import ask
 from homolog.comparison.findings import CONTROLS, Finding, findings
-from homolog.comparison.places import Directions, SurfaceCarrier, directions_of
-from homolog.comparison.sample import Sample
+from homolog.comparison.places import SurfaceCarrier, directions_of
+from homolog.comparison.sample import Sample, voxel_text
 from homolog.comparison.seeds import read_spread, spread_text
 from homolog.comparison.stored import folder_of, stored_answers
 from homolog.comparison.tables import store
 from homolog.errors import InputError, NumericalError
-from homolog.inspection import inspect
+from homolog.inspection import Suspect, inspect
 from homolog.inspection.verdict import Word, read_verdict
 from homolog.io.atomic import atomic_write, write_text
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ResultRecord
-from homolog.io.report_details import ReportDetails, read_details
+from homolog.io.report_details import read_details
 from homolog.io.results import Result, read_result, read_surface
 from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
@@ -40,10 +40,7 @@ from homolog_app.report.figures import ReportFigure, map_limits, model_figures, 
 from homolog_app.report.model_section import (
     CorrespondenceRow,
     correspondence_rows,
-    correspondence_text,
     landmark_text,
-    model_methods,
-    pose_text,
     settings_rows,
     write_correspondence,
 )
@@ -140,9 +137,8 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
         "record": record,
         "lost": lost,
         "verdict": ("" if verdict.word is Word.SOUND else "! ") + verdict.line,
-        "axes": _axes_text(carrier.directions),
+        "directions": carrier.directions,
         "hollow": carrier.is_hollow,
-        "missing": _missing(record, details, studies),
     }
     text = _text(context, record.versions.get("homolog", ""))
     tables = _tables(answers, result, carrier, measures)
@@ -218,28 +214,32 @@ def _of_model(
     order = [*reference_first(filter(None, groups)), *([None] if None in groups else [])]
     counts = ", ".join(f"{groups.count(group)} {group or 'no group'}" for group in order)
     area = result.mean_surface.area
-    placed, groomed, modelled = model_methods(record)
     quality = [row for row in quality_rows(result, model) if row[2] is not None]
-    at = quality[min(2, len(quality) - 1)] if quality else None
+    has_modes = any(figure.name == "modes" for figure in drawn)
+    voxels = [sorted(subject.voxel) for subject in record.subjects if subject.voxel]
     return {
         "names": result.names,
         "groups": f" ({counts})" if any(groups) else "",
         "area": area,
         "apart": (area / record.particles) ** 0.5,
-        "pose": pose_text(record),
-        "modes": next((figure.caption for figure in drawn if figure.name == "modes"), "")
-        and f"The first {min(3, len(model.explained_variance_))} modes have "
-        f"{100.0 * float(model.explained_variance_ratio_[:3].sum()):.0f} % of the variance.",
-        "quality": "not known with so few subjects."
-        if at is None or at[2] is None
-        else f"{at[2]:.2g} mm with {at[0]} modes (quality.csv).",
-        "correspondence": correspondence_text(correspondence),
-        "check": _check_text(result, meshes),
+        "procrustes": record.settings.placing.procrustes.value,
+        "modes": min(3, len(model.explained_variance_)) if has_modes else 0,
+        "share": 100.0 * float(model.explained_variance_ratio_[:3].sum()),
+        "quality": quality[min(2, len(quality) - 1)] if quality else None,
+        "correspondence": correspondence,
+        "suspects": _suspects(result, meshes),
         "landmarks": _landmarks(project),
-        "placed": placed,
-        "groomed": groomed,
-        "modelled": modelled,
+        "voxels": voxel_text(voxels) if voxels else "",
+        "spacing": _range([subject.spacing for subject in record.subjects if subject.spacing], ".3g"),
+        "vertices": _range([subject.vertices for subject in record.subjects if subject.vertices], "d"),
     }
+
+
+def _range(values: Sequence[float], form: str) -> str:
+    """Return the least and the largest value as text; empty without values."""
+    return (
+        " to ".join(dict.fromkeys(format(end, form) for end in (min(values), max(values)))) if values else ""
+    )
 
 
 def _of_studies(studies: Sequence[_Study]) -> dict[str, object]:
@@ -287,38 +287,6 @@ def _cautions(studies: Sequence[_Study]) -> Iterator[str]:
     for text, of in numbers.items():
         which = f"Question {', '.join(map(str, of))}: " if len(studies) > 1 else ""
         yield f"{which}{text}"
-
-
-def _axes_text(directions: Directions) -> str:
-    """Return how places are named."""
-    if directions.are_the_patients:
-        return "Places are directions from the middle of the mean shape along the patient's confirmed axes."
-    if directions.are_named:
-        return "Places are sides of the mean shape as named by the authors."
-    return (
-        "Places are sides of the mean shape by the axes of the coordinates, as the views are named: +z "
-        "is the side of larger z. Nobody has confirmed the patient's axes (--axes patient)."
-    )
-
-
-def _missing(record: ResultRecord, details: ReportDetails, studies: Sequence[_Study]) -> list[str]:
-    """Return what a paper needs and only its authors know."""
-    points = [] if details.structure else ["the anatomical structure (--structure)"]
-    points += (
-        [] if details.cohort else ["the cohort (--cohort): recruitment, criteria, definition of the groups"]
-    )
-    points += [] if any(subject.voxel for subject in record.subjects) else ["voxel size"]
-    points += [
-        "scanner, protocol, phase or time of imaging",
-        "who segmented, how, and how well segmentations of one subject agree",
-        "reasons for the numbers of subjects and particles",
-        "ethics approval",
-    ]
-    if len(studies) > 1:
-        points.append("which question was primary before the results were seen")
-    if any(not study.spread for study in studies):
-        points.append("how answers vary with the seed of the correspondence (homolog analyze --seeds 5)")
-    return points
 
 
 def _tables(
@@ -401,21 +369,11 @@ def _surfaces(project: ProjectFolder, record: ResultRecord) -> list[TriangleMesh
     return meshes
 
 
-def _check_text(result: Result, meshes: Sequence[TriangleMesh]) -> str:
-    """Return a sentence on the suspects of ``homolog check``."""
+def _suspects(result: Result, meshes: Sequence[TriangleMesh]) -> Sequence[Suspect] | None:
+    """Return the suspects of ``homolog check``; None with fewer than three surfaces."""
     if len(meshes) < 3:
-        return "Particles were not checked for wrong positions, which requires three subjects with surfaces. "
-    suspects = inspect(result.local, meshes, result.alignments, names=result.names, workers=cores()).suspects
-    if not suspects:
-        return "homolog check finds no location where the correspondence may be wrong. "
-    kinds = [suspect.kind.value for suspect in suspects]
-    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-    subjects = {suspect.subject for suspect in suspects}
-    return (
-        f"homolog check finds {len(suspects)} location{'s' * (len(suspects) > 1)} on {len(subjects)} of "
-        f"{len(result.names)} subjects where the correspondence may be wrong ({counts}), the most severe on "
-        f"{result.names[suspects[0].subject]}. "
-    )
+        return None
+    return inspect(result.local, meshes, result.alignments, names=result.names, workers=cores()).suspects
 
 
 def _landmarks(project: ProjectFolder) -> str:
