@@ -128,6 +128,22 @@ class _Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
+def _structures(value: str | None) -> str | None:
+    """Refuse a text that does not name two or more structures."""
+    if value is not None:
+        names = [name.casefold() for name, _ in _named_sources(value)]
+        if len(names) < 2 or not all(names) or len(set(names)) < len(names):
+            expected = "must name two or more structures once, such as femur,tibia or wall=2+3,cavity=1"
+            raise PydanticCustomError("form", "{expected}", {"expected": expected})
+    return value
+
+
+def _named_sources(text: str) -> list[tuple[str, str]]:
+    """Return names of structures and where they come from: ``femur,wall=2+3``."""
+    pairs = (item.partition("=") for item in text.split(","))
+    return [(name.strip(), (source or name).strip()) for name, _, source in pairs]
+
+
 class GroomSettings(_Settings):
     """Grooming."""
 
@@ -149,6 +165,16 @@ class GroomSettings(_Settings):
             description="Name of the structure in the files (.seg.nrrd, DICOM SEG), in a table next to them "
             "or in FreeSurfer's list; case, dashes and the order of words do not matter.",
         ),
+    ] = None
+    structures: Annotated[
+        str | None,
+        Field(
+            max_length=2000,
+            json_schema_extra=_shown(if_none="one"),
+            description="Structures that are modelled together, separated by commas: names of files or "
+            "labels, or numbers of labels. NAME=2+3 joins labels under a name.",
+        ),
+        AfterValidator(_structures),
     ] = None
     values: Annotated[
         Values | None,
@@ -218,6 +244,21 @@ class GroomSettings(_Settings):
     adaptive_mesh: Annotated[
         bool, Field(description="Use smaller triangles where the surface is strongly curved.")
     ] = False
+
+    @property
+    def of_structures(self) -> dict[str, "GroomSettings"]:
+        """The settings of each of several structures alone, by its name; empty for one structure."""
+        return {
+            name: self.model_copy(
+                update={
+                    "structures": None,
+                    "label": int(source) if source.isdecimal() else None,
+                    "segment": None if source.isdecimal() else source,
+                }
+            )
+            for name, source in _named_sources(self.structures or "")
+            if name
+        }
 
 
 class OwnGrooming(_Settings):
@@ -300,6 +341,15 @@ class OptimizeSettings(_Settings):
     particles: Annotated[
         int, Field(ge=4, le=65536, description="Number of corresponding points on every shape.")
     ] = 1024
+    align_by: Annotated[
+        str | None,
+        Field(
+            min_length=1,
+            max_length=200,
+            json_schema_extra=_shown(if_none="all"),
+            description="Structure by which subjects with several structures are aligned.",
+        ),
+    ] = None
     seed: Annotated[
         int,
         Field(
@@ -458,6 +508,15 @@ class RunSettings(_Settings):
     @classmethod
     def _or_none(cls, given: object) -> object:
         return None if given == "none" else given
+
+    @property
+    def of_structures(self) -> dict[str, "RunSettings"]:
+        """The settings of each of several structures alone, by its name; empty for one structure."""
+        optimize = self.optimize.model_copy(update={"align_by": None})
+        return {
+            name: self.model_copy(update={"groom": groom, "optimize": optimize})
+            for name, groom in self.groom.of_structures.items()
+        }
 
     @property
     def placing(self) -> OptimizeSettings:

@@ -139,7 +139,7 @@ def run_run(arguments: argparse.Namespace) -> int:
 
 def _check_structure(source: Path, pattern: str | None, cohort: Cohort, settings: GroomSettings) -> None:
     """Refuse files of several structures if none is chosen, in one message for all subjects."""
-    if settings.label is not None or settings.segment is not None:
+    if settings.label is not None or settings.segment is not None or settings.structures is not None:
         return
     from homolog.io.structures import structures_of_files
 
@@ -153,8 +153,9 @@ def _check_structure(source: Path, pattern: str | None, cohort: Cohort, settings
         others = as_options(proposals_text(source)) if may_be_others else ""
         raise InputError(
             f"{source}: contains one file per structure: {listed}{more} (number of subjects); {empty}"
-            f"choose one: homolog run {name} --label {quote(structures[0].name)} …, or all: homolog batch "
-            f"{name} --labels all …{others}"
+            f"choose one: homolog run {name} --label {quote(structures[0].name)} …, several that are "
+            f"modelled together: --structures {','.join(item.name for item in structures[:2])} …, or each by "
+            f"itself: homolog batch {name} --labels all …{others}"
         )
 
 
@@ -233,7 +234,8 @@ def _summary(project: ProjectFolder) -> str:
     result = project.read().result
     assert result is not None, "a completed run has a result"
     folds = f"; {result.folded_faces} folded faces on the mean" if result.folded_faces else ""
-    size = f"{len(result.subjects)} subjects x {result.particles} particles"
+    counts = [f"{item.particles} particles of {item.name}" for item in result.structures]
+    size = f"{len(result.subjects)} subjects x {' + '.join(counts) or f'{result.particles} particles'}"
     return f"{size}, {result.end_text}{folds}"
 
 

@@ -56,6 +56,7 @@ class Settings(TypedDict, total=False):
 
     label: int | None
     segment: str | None
+    structures: str | None
     values: Literal["labels", "distance", "probability"] | None
     pieces: Literal["largest", "all"]
     spacing: float | None
@@ -67,6 +68,7 @@ class Settings(TypedDict, total=False):
     mesh_edge: float | None
     adaptive_mesh: bool
     method: Literal["geodesic-normals", "geodesic", "normals", "euclidean"]
+    align_by: str | None
     seed: int
     procrustes: Literal["auto", "off", "rigid", "form", "similarity"]
     core_set: int | None

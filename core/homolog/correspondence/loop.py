@@ -123,36 +123,45 @@ class OptimizationLoop:
         """Run all stages, or the remaining ones of a checkpoint."""
         begin, done = 0, 0
         if resume is None:
-            self._initialize(self.stages[0].count, self.initial_tick)
-            self._begin(Start.of(self.engine.aligned_positions()))
+            self.initialize(self.stages[0].count, self.initial_tick)
+            self.begin(Start.of(self.compared_positions()))
         else:
-            begin, done = self._stage_of(resume), resume.done
-            self._begin(Start(resume.parts, resume.variance, resume.left_out))
-            self.log.restore(resume)
-            self.poses = resume.poses
-            saved = Particles(
-                resume.positions,
-                resume.widths,
-                resume.means,
-                resume.faces,
-                (resume.neighbours, resume.coefficients),
-            )
-            self._set_particles(self.stages[begin].count, saved, resume.repaired.copy())
+            self.begin(Start(resume.parts, resume.variance, resume.left_out))
+            begin, done = self.restore(resume), resume.done
         reason = Reason.ITERATIONS
         for index in range(begin, len(self.stages)):
             plan = self.stages[index]
             if plan.count != self.engine.count:
-                self._split(index)
+                self.split_particles(index)
             begun = self.log.iteration - done
             reason = self._stage(index, done)
-            self._repair(index, self.log.iteration - begun)
+            self.repair(index, self.log.iteration - begun)
             if self._is_worse(index):
-                return self._register_again(index)
+                return self.register_again(index)
             self.log.emit_frame(plan.stage, self.engine, ends_stage=index < len(self.stages) - 1)
             done = 0
         return reason
 
-    def _begin(self, start: Start) -> None:
+    def restore(self, resume: Checkpoint) -> int:
+        """Continue from a checkpoint; return the number of its stage."""
+        begin = self._stage_of(resume)
+        self.log.restore(resume)
+        self.poses = resume.poses
+        saved = Particles(
+            resume.positions,
+            resume.widths,
+            resume.means,
+            resume.faces,
+            (resume.neighbours, resume.coefficients),
+        )
+        self._set_particles(self.stages[begin].count, saved, resume.repaired.copy())
+        return begin
+
+    def compared_positions(self) -> FloatArray:
+        """Return the particles as they are compared with each other, (M, n, 3) [optimizer lengths]."""
+        return self.engine.aligned_positions()
+
+    def begin(self, start: Start) -> None:
         """Use the weight of H(Z) that the first particles tell, if the settings had none."""
         self.start = start
         if self.settings.ensemble_weight is None:
@@ -166,18 +175,18 @@ class OptimizationLoop:
         count = self.engine.count
         if self.initial is not None or not self.stages[0].count == count != after:
             return False  # compared are as many particles as were registered, when these are done
-        return self.start.is_better_than(self.engine.aligned_positions())
+        return self.start.is_better_than(self.compared_positions())
 
-    def _register_again(self, index: int) -> Reason:
+    def register_again(self, index: int) -> Reason:
         """Register all particles, and leave them there."""
         self.poses = np.tile(np.eye(4), (len(self.cohort.names), 1, 1))
         self.stages = self.stages[: index + 1]
         done = self.shares.done(index, 1.0)
         self.log.tangential_weight = TANGENTIAL_WEIGHT
-        self._initialize(self.settings.particles, part_of(self.tick, done, 1.0))
+        self.initialize(self.settings.particles, part_of(self.tick, done, 1.0))
         return Reason.REGISTRATION
 
-    def _initialize(self, count: int, tick: Tick) -> None:
+    def initialize(self, count: int, tick: Tick) -> None:
         """Place the initial particles."""
         if self.initial is not None:
             pairs = zip(self.cohort.to_optimizer, self.initial.local, strict=True)
@@ -221,14 +230,15 @@ class OptimizationLoop:
             points = registration.particles(self.poses, tick)
             self._set_particles(points.shape[1], points)
             for _ in range(ALIGNING_ROUNDS):
-                self._align(tangential_weight)
+                self.align(tangential_weight)
             if number == 0:  # a first model, long before the optimization has one
                 self.log.emit_frame(Stage.SPLITTING, self.engine, ends_stage=True)
 
     def _stage_of(self, resume: Checkpoint) -> int:
         index = len(self.stages) - 1 - resume.left
         expected = (len(self.cohort.names), self.stages[max(index, 0)].count)
-        fits = index >= 0 and resume.positions.shape[:2] == expected
+        fits = index >= 0 and resume.positions.shape[:2] == expected and len(resume.poses) == expected[0]
+        fits = fits and bool((resume.neighbours < expected[1]).all())
         if fits:  # kernels do not check these indices
             meshes = self.cohort.surface_set(expected[1]).meshes
             rows = zip(resume.faces, meshes, strict=True)
@@ -246,7 +256,7 @@ class OptimizationLoop:
         free = None if self.initial is None else self.initial.free
         self.engine = make_engine(self.cohort, particles, self.launcher, self.poses, free)
 
-    def _align(self, tangential_weight: float = 1.0, regularization: float | None = None) -> None:
+    def align(self, tangential_weight: float = 1.0, regularization: float | None = None) -> None:
         """Align the shapes during the run: by Procrustes analysis, or to lower H(Z)."""
         if not self.aligns or not self.free_poses.any():
             return
@@ -271,7 +281,7 @@ class OptimizationLoop:
             )
         self.engine.set_poses(self.poses)
 
-    def _split(self, index: int) -> None:
+    def split_particles(self, index: int) -> None:
         """Replace the engine by one of more particles; its surfaces are released before others are made."""
         plan, old = self.stages[index], self.engine
         random = np.random.default_rng([self.settings.seed, plan.count])
@@ -315,10 +325,10 @@ class OptimizationLoop:
     def _follow_poses(self, plan: StagePlan, done: int) -> None:
         """Align the shapes during a stage."""
         if plan.stage is Stage.SPLITTING:
-            self._align(self.log.tangential_weight)
+            self.align(self.log.tangential_weight)
         else:
             regularization = plan.weights(min(done, plan.iterations - 1)).ensemble.regularization
-            self._align(regularization=min(regularization, MAX_POSE_REGULARIZATION))
+            self.align(regularization=min(regularization, MAX_POSE_REGULARIZATION))
 
     def _has_converged(self, plan: StagePlan, done: int) -> bool:
         """Return whether the objective has converged or only fluctuates, at the newest record."""
@@ -348,7 +358,7 @@ class OptimizationLoop:
             )
         self.log.record(parts)
 
-    def _repair(self, index: int, done: int) -> None:
+    def repair(self, index: int, done: int) -> None:
         """Relocate lost particles at the end of a stage."""
         before, repaired = self.engine.particles(), self.repaired.copy()
         try:
@@ -402,11 +412,15 @@ class OptimizationLoop:
         now = self.engine.particles() if particles is None else particles
         self.log.save(now, self.poses, len(self.stages) - 1 - index, done, self.repaired, self.start)
 
-    def result(self, reason: Reason) -> OptimizedParticles:
-        """Return the particles in millimetres."""
+    def local_positions(self) -> FloatArray:
+        """Return the particles in the coordinates of the shapes, (M, n, 3) [mm]."""
         positions = self.engine.host_positions().astype(np.float64)
         pairs = zip(self.cohort.to_optimizer, positions, strict=True)
-        local = np.stack([similarity.invert(points) for similarity, points in pairs])
+        return np.stack([similarity.invert(points) for similarity, points in pairs])
+
+    def result(self, reason: Reason) -> OptimizedParticles:
+        """Return the particles in millimetres."""
+        local = self.local_positions()
         if self.initial is not None and self.initial.free is not None:
             local = np.where(self.initial.free[..., None], local, self.initial.local)
         poses, alignments = self.log.aligned(self.poses), self.alignments

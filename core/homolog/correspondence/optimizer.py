@@ -6,8 +6,9 @@ import numpy as np
 
 from homolog.arrays import BoolArray
 from homolog.correspondence.divided import prepare_on
+from homolog.correspondence.joint import JointLoop, joined
 from homolog.correspondence.loop import OptimizationLoop
-from homolog.correspondence.mirror_images import with_mirror_images
+from homolog.correspondence.mirror_images import MirrorImages, with_mirror_images
 from homolog.correspondence.recorder import CheckpointCallback
 from homolog.correspondence.schedule import TimeShares, plan_stages
 from homolog.correspondence.surface_sets import normalize_size
@@ -41,6 +42,7 @@ def optimize(
     resume: Checkpoint | None = None,
     solve: GeodesicSolver = solve_tables,
     store: Store = in_memory,
+    align_by: int | None = None,
 ) -> OptimizedParticles:
     """Place corresponding particles on all shapes (the paper's Eq. 5).
 
@@ -48,9 +50,10 @@ def optimize(
     ----------
     shapes : sequence of Shape
         At least two shapes, M. If an alignment is a reflection, the mirror image is optimized; the result is
-        in the coordinates of the file, with a reflection as alignment.
+        in the coordinates of the file, with a reflection as alignment. Subjects with several structures
+        (`Shape.parts`) have the same ones in the same order.
     settings : OptimizeSettings
-        Method, number of particles, weights and schedule.
+        Method, number of particles of each structure, weights and schedule.
     device : str
         ``"auto"``, ``"cpu"`` or ``"cuda:<n>"``; ``"cuda:0,cuda:1"`` divides the shapes among several GPUs.
     tick : Tick
@@ -69,6 +72,8 @@ def optimize(
         Geodesic solver.
     store : Store
         See `prepare_cohort`.
+    align_by : int, optional
+        Of subjects with several structures, that by which the result aligns them; all if not given.
 
     Returns
     -------
@@ -85,8 +90,61 @@ def optimize(
     devices = choose_device(device).split(",")
     if len(shapes) < 2:
         raise InputError("correspondence needs at least two shapes; give more")
+    subjects = [shape.parts or (shape,) for shape in shapes]
+    number = len(subjects[0])
     if initial is not None:
-        _check_initial(initial, len(shapes), settings.particles)
+        _check_initial(initial, len(shapes), number * settings.particles)
+    left = None if resume is None else resume.left
+    share = 1.0 / number
+
+    def prepared(structure: int) -> tuple[MirrorImages, OptimizationLoop]:
+        own = None if initial is None or number == 1 else initial.of_structure(structure, number)
+        return _prepared(
+            [parts[structure] for parts in subjects],
+            settings,
+            devices,
+            initial=own or initial,
+            left=left,
+            tick=tick,
+            span=(structure * share, (structure + 1) * share),
+            observe=observe if number == 1 else None,
+            checkpoint=checkpoint if number == 1 else None,
+            solve=solve,
+            store=store,
+        )
+
+    sides = [prepared(structure) for structure in range(number)]
+    loops = [loop for _, loop in sides]
+    whole = np.stack([shape.alignment for shape in shapes])
+    joint = JointLoop(loops, whole, loops[0].tick, observe, checkpoint) if number > 1 else None
+    try:
+        with blas_threads(len(shapes)):
+            reason = (joint or loops[0]).run(resume)
+    finally:
+        for loop in loops:
+            loop.launcher.close()
+    parts = [images.result(loop.result(reason)) for images, loop in sides]
+    return parts[0] if joint is None else joined(parts, joint, align_by=align_by)
+
+
+def _prepared(
+    shapes: Sequence[Shape],
+    settings: OptimizeSettings,
+    devices: Sequence[str],
+    *,
+    initial: InitialParticles | None,
+    left: int | None,
+    tick: Tick,
+    span: tuple[float, float],
+    observe: FrameCallback | None,
+    checkpoint: CheckpointCallback | None,
+    solve: GeodesicSolver,
+    store: Store,
+) -> tuple[MirrorImages, OptimizationLoop]:
+    """Bring one structure of all subjects to the devices; return its mirror images and its loop.
+
+    `left` are the stages after that of a checkpoint, and `span` is the part of the preparation's progress.
+    """
     free_shapes: BoolArray | None = None
     if initial is not None and initial.free is not None:
         free_shapes = np.any(initial.free, axis=1)
@@ -102,26 +160,21 @@ def optimize(
         registers=initial is None,
         threads=cores() if devices[0] == "cpu" else 1,
     )
+    begin, end = (shares.preparation * share for share in span)
     cohort = prepare_on(
         devices,
         shapes,
         settings,
-        counts=[plan.count for plan in (stages if resume is None else stages[-1 - resume.left :] or stages)],
+        counts=[plan.count for plan in (stages if left is None else stages[-1 - left :] or stages)],
         free_shapes=free_shapes,
         solve=solve,
         store=store,
-        tick=part_of(tick, 0.0, shares.preparation),
+        tick=part_of(tick, begin, end),
     )
     loop_tick = part_of(tick, shares.preparation, 1.0)
-    loop = OptimizationLoop(
+    return images, OptimizationLoop(
         shapes, alignments, cohort, settings, stages, shares, initial, loop_tick, observe, checkpoint
     )
-    try:
-        with blas_threads(len(shapes)):
-            reason = loop.run(resume)
-    finally:
-        loop.launcher.close()
-    return images.result(loop.result(reason))
 
 
 def _check_initial(initial: InitialParticles, shapes: int, particles: int) -> None:

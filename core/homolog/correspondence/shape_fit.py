@@ -296,7 +296,7 @@ class _FitLoop(OptimizationLoop):
         image = self.cohort.to_optimizer[0].invert(positions)
         return state_of(self.engine, transform_points(side, image), self.poses[0] @ placement)
 
-    def _initialize(self, count: int, tick: Tick) -> None:
+    def initialize(self, count: int, tick: Tick) -> None:
         starts = [self.cohort.to_optimizer[0].apply(start.local[0]) for start in self._starts]
         points, poses = starts[0], self.poses
         if self.aligns and not self._is_in_it:
@@ -345,7 +345,7 @@ class _FitLoop(OptimizationLoop):
                 self._relocate_misplaced()
             self.engine.iterate(min(LIST_ITERATIONS, plan.iterations - done))
             term = plan.weights(min(done + LIST_ITERATIONS, plan.iterations)).ensemble
-            self._align(regularization=min(term.regularization, MAX_POSE_REGULARIZATION))
+            self.align(regularization=min(term.regularization, MAX_POSE_REGULARIZATION))
         parts = self.engine.energy(plan.coherence / plan.ensemble.weight) * plan.factors
         return float(parts.sum()) if np.isfinite(parts).all() else np.inf
 
@@ -355,7 +355,7 @@ class _FitLoop(OptimizationLoop):
             self._ensemble, self.cohort, particles, self.launcher, self.poses, is_in_it=self._is_in_it
         )
 
-    def _align(self, tangential_weight: float = 1.0, regularization: float | None = None) -> None:
+    def align(self, tangential_weight: float = 1.0, regularization: float | None = None) -> None:
         """Update the pose towards the shape's projection onto the modes of the ensemble, or its mean."""
         if not self.aligns:
             return

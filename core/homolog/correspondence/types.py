@@ -40,6 +40,10 @@ class Shape:
         Similarity from local to world coordinates.
     landmarks : (L, 3) float64 array or None
         Corresponding points in local coordinates [mm], on which the first particles are placed.
+    parts : tuple of Shape
+        The structures of a subject with several, each aligned with its like; the meshes of the subject are
+        then those of its structures together, its field that of the first, and its alignment that of the
+        whole. Empty for a single structure.
     """
 
     name: str
@@ -48,6 +52,7 @@ class Shape:
     coarse_mesh: TriangleMesh
     alignment: FloatArray
     landmarks: FloatArray | None = None
+    parts: "tuple[Shape, ...]" = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -80,6 +85,11 @@ class InitialParticles:
 
     local: FloatArray
     free: BoolArray | None = None
+
+    def of_structure(self, number: int, structures: int) -> "InitialParticles":
+        """Return the particles of one of several structures, which have as many each."""
+        own = slice(*(np.arange(number, number + 2) * (self.local.shape[1] // structures)))
+        return InitialParticles(self.local[:, own], None if self.free is None else self.free[:, own])
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -153,8 +163,8 @@ class Checkpoint:
         Of each particle on the mean shape; k is 0 before the first iteration.
     coefficients : (n, k) float32 array
         With which they predict its deviation from the mean.
-    poses : (M, 4, 4) float64 array
-        Alignment so far, in the optimizer's coordinates.
+    poses : (S M, 4, 4) float64 array
+        Alignment so far, in the optimizer's coordinates; of S structures one after another.
     faces : (M, n) int32 array
         Faces of the surface set's meshes that the particles are on.
     energies : (T, 4) float64 array
@@ -205,6 +215,9 @@ class OptimizedParticles:
     reason : Reason
     repaired : (M, N) int32 array
         The iteration at which a misplaced particle was relocated, 0 if never.
+    parts : tuple of OptimizedParticles
+        The structures of subjects with several, each aligned with its like; their particles one after
+        another are those of the subjects. Empty for a single structure.
     """
 
     world: FloatArray
@@ -215,6 +228,7 @@ class OptimizedParticles:
     iterations: int
     reason: Reason
     repaired: IntArray
+    parts: "tuple[OptimizedParticles, ...]" = ()
 
 
 FrameCallback = Callable[[Frame], None]

@@ -39,7 +39,9 @@ def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) ->
     """Return hashes of the inputs of a groomed subject: the file's content, and the settings."""
     content, rest = hashlib.sha256(), hashlib.sha256(_VERSION.encode())
     rest.update(
-        settings.model_dump_json(exclude={"alignment", "mirror", "scaling", "label", "values"}).encode()
+        settings.model_dump_json(
+            exclude={"alignment", "mirror", "scaling", "label", "values", "structures"}
+        ).encode()
     )
     arrays: tuple[Array, ...]
     if isinstance(source, Segmentation):

@@ -16,6 +16,7 @@ from homolog.grooming.triangles import check_triangles, level_of_triangles, note
 from homolog.io.images import Segmentation, read_segmentation
 from homolog.io.meshes import read_mesh
 from homolog.io.structures import mask_of
+from homolog.io.volumes import joined_names, union_of
 from homolog.memory import Store
 from homolog.settings import OWN, GroomSettings, OwnGrooming, Values
 from homolog.surfaces.distance_field import DistanceField
@@ -194,6 +195,8 @@ def read_source(subject: Subject, settings: GroomSettings) -> Source:
         With the file, the fault and the remedy.
     """
     try:
+        if subject.structures and (names := joined_names(settings.segment)):
+            return check_source(_joined_files(subject, settings, names), settings, subject.path)
         if subject.structures:
             path = mask_of(subject, settings.label, settings.segment)
             subject = replace(subject, path=path, structures={})
@@ -211,6 +214,15 @@ def read_source(subject: Subject, settings: GroomSettings) -> Source:
             f"{subject.path}: can't be read: {reason}; check its permissions and disk"
         ) from error
     return check_source(source, settings, subject.path)
+
+
+def _joined_files(subject: Subject, settings: GroomSettings, names: Sequence[str]) -> Segmentation:
+    """Return the voxels of structures with a file each together."""
+    parts = [read_source(subject, settings.model_copy(update={"segment": name})) for name in names]
+    masks = [part for part in parts if isinstance(part, Segmentation)]
+    if len(masks) < len(parts):
+        raise InputError(f"{subject.path}: {' and '.join(names)} are surfaces; only label maps can be joined")
+    return union_of(masks, subject.path)
 
 
 def _check_beginning(path: Path) -> None:

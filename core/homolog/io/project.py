@@ -34,6 +34,7 @@ from pydantic import ValidationError
 from homolog.cohort import Cohort, Subject, is_series, structures_in, structures_named
 from homolog.errors import InputError, InUseError
 from homolog.io.atomic import is_stale_temp, report_os_errors, write_text
+from homolog.io.names import file_stems
 from homolog.io.records import FORMAT_VERSION, ProjectRecord, SubjectRecord
 
 __all__ = ["OUT_OF_DATE", "ProjectFolder", "subject_of"]
@@ -58,6 +59,7 @@ _WRITTEN = (
     "analysis",
     "report",
     "seeds",
+    "structures",
     _NEXT,
 )
 """Folders that Homolog writes into."""
@@ -93,6 +95,10 @@ class ProjectFolder:
     def figures(self) -> Path:
         """Folder of the pictures."""
         return self.folder / "figures"
+
+    def structure(self, name: str) -> "ProjectFolder":
+        """Return the project of one of several structures, within this one."""
+        return ProjectFolder(self.folder / "structures" / file_stems([name])[0])
 
     @property
     def checkpoint(self) -> Path:

@@ -19,6 +19,7 @@ __all__ = [
     "NoteKind",
     "ProjectRecord",
     "ResultRecord",
+    "ResultStructure",
     "ResultSubject",
     "SubjectRecord",
     "note_kinds",
@@ -92,6 +93,17 @@ class ResultSubject(_Record):
         return bool(mirrors(np.array(self.alignment)))
 
 
+class ResultStructure(_Record):
+    """A structure of subjects with several: how many particles and vertices of the mean surface are its own.
+
+    Those of the structures follow one another.
+    """
+
+    name: str
+    particles: Annotated[int, Field(ge=1)]
+    vertices: Annotated[int, Field(ge=1)]
+
+
 class ResultRecord(_Record):
     """The record of a result, to compare and to repeat it.
 
@@ -99,7 +111,8 @@ class ResultRecord(_Record):
     `folded_faces` is the number of folded faces of the mean surface, and `smoothed_particles` that of the
     particles which it does not interpolate, to avoid folds. `fingerprint` is a hash of the settings and of
     every groomed surface, `seconds` the time by phase, `source` the origin of an imported model, and
-    `excluded` has a line for each excluded subject of the cohort.
+    `excluded` has a line for each excluded subject of the cohort. `structures` are those of subjects with
+    several.
     """
 
     finished: str
@@ -117,6 +130,7 @@ class ResultRecord(_Record):
     source: str = ""
     excluded: list[str] = []
     subjects: Annotated[list[ResultSubject], Field(min_length=2)]
+    structures: list[ResultStructure] = []
 
     @property
     def remarks(self) -> list[str]:
@@ -152,6 +166,8 @@ class ResultRecord(_Record):
     def _files_are_distinct(self) -> "ResultRecord":
         if len({subject.file.casefold() for subject in self.subjects}) < len(self.subjects):
             raise ValueError("two subjects have the same file")
+        if self.structures and sum(item.particles for item in self.structures) != self.particles:
+            raise ValueError("the particles of the structures are not those of the result")
         return self
 
 

@@ -20,6 +20,7 @@ from homolog.surfaces.mirroring import mirrors
 
 __all__ = [
     "MODE_DEVIATIONS",
+    "Part",
     "Result",
     "mean_file",
     "mode_file",
@@ -36,6 +37,15 @@ _MANY_FILES = 100
 """Number of parsed text files above which the array of particles is written again."""
 MODE_DEVIATIONS = 2.0
 """Position of the mode surfaces in standard deviations."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One of several structures in a result: its particles, and its vertices of the mean surface."""
+
+    name: str
+    particles: slice
+    vertices: slice
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,6 +72,8 @@ class Result:
     voxels : tuple of tuples of float
         Edges of the voxels of each subject's file [mm], the shortest first; empty for surfaces and if
         unknown.
+    parts : tuple of Part
+        The structures of subjects with several; empty for a single one.
     """
 
     names: tuple[str, ...]
@@ -73,6 +85,7 @@ class Result:
     mean_surface: TriangleMesh
     smoothing: FloatArray
     voxels: tuple[tuple[float, ...], ...] = ()
+    parts: tuple[Part, ...] = ()
 
     @property
     def mirrored(self) -> int:
@@ -129,6 +142,16 @@ def read_result(project: ProjectFolder, tick: Tick = no_tick) -> Result:
         mean_surface=read_mesh(mean_file(project)),
         smoothing=_read_smoothing(project, record),
         voxels=tuple(tuple(sorted(subject.voxel)) for subject in subjects),
+        parts=_parts(record),
+    )
+
+
+def _parts(record: ResultRecord) -> tuple[Part, ...]:
+    ends = np.cumsum([[item.particles, item.vertices] for item in record.structures], axis=0).tolist()
+    begins = [[0, 0], *ends[:-1]]
+    return tuple(
+        Part(item.name, slice(a, b), slice(c, d))
+        for item, (a, c), (b, d) in zip(record.structures, begins, ends, strict=False)
     )
 
 

@@ -23,7 +23,17 @@ from homolog.io.values import (
 from homolog.memory import check_fits
 from homolog.settings import Values
 
-__all__ = ["Extent", "Layers", "Segment", "Segmentation", "StoredScan", "Volume", "check_size"]
+__all__ = [
+    "Extent",
+    "Layers",
+    "Segment",
+    "Segmentation",
+    "StoredScan",
+    "Volume",
+    "check_size",
+    "joined_names",
+    "union_of",
+]
 
 StoredScan = tuple[Array, FloatArray, float, float, tuple[str, ...]]
 """A file of grey values: as stored (I, J, K), matrix from indices to LPS [mm], slope, intercept, notes."""
@@ -208,9 +218,21 @@ class Volume:
         InputError
             If there is no such structure, it has no voxels, the name is ambiguous, or overlapping structures
             would be combined.
+
+        Notes
+        -----
+        ``2+3`` or ``wall+cavity`` are these structures together.
         """
         if (volume := self.as_labels()) is not self:
             return volume.segmentation(label, segment)
+        if (names := joined_names(segment)) and not matching(
+            ((item.name, item) for item in self.with_names(segment).named), str(segment)
+        ):
+            parts = [
+                self.segmentation(int(name) if name.isdecimal() else None, None if name.isdecimal() else name)
+                for name in names
+            ]
+            return union_of(parts, self.path)
         if segment is not None and not self.named and len(self.layers) == 1:
             named = self.with_names(segment)
             if named.named:
@@ -356,6 +378,43 @@ class Volume:
             origin = origin + axes[:, 0] * (len(mask) - 1)
             rotation = rotation * [-1.0, 1.0, 1.0]
         return Segmentation(mask, rotation, spacing, origin, self.notes, name)
+
+
+def joined_names(segment: str | None) -> list[str]:
+    """Return the names of several structures that are requested together; none for a single one."""
+    names = [name.strip() for name in (segment or "").split("+")]
+    return names if len(names) > 1 and all(names) else []
+
+
+def union_of(parts: Sequence[Segmentation], path: Path) -> Segmentation:
+    """Return the voxels of several structures of one grid together.
+
+    Raises
+    ------
+    InputError
+        If their grids differ.
+    """
+    first = parts[0]
+    starts = [(item.origin - first.origin) @ first.rotation / first.spacing for item in parts]
+    begins = np.rint(starts).astype(int)
+    for item, start, begin in zip(parts, starts, begins, strict=True):
+        if not (
+            np.allclose(item.rotation, first.rotation, atol=1e-4)
+            and np.allclose(item.spacing, first.spacing, rtol=1e-4)
+            and np.allclose(start, begin, atol=1e-2)
+        ):
+            raise InputError(
+                f"{path}: the structures to be joined are on different grids; resample them to one"
+            )
+    low = begins.min(axis=0)
+    ends = [begin + item.mask.shape for begin, item in zip(begins, parts, strict=True)]
+    mask = np.zeros(np.max(ends, axis=0) - low, np.bool_)
+    for begin, item in zip(begins - low, parts, strict=True):
+        mask[tuple(slice(a, a + size) for a, size in zip(begin, item.mask.shape, strict=True))] |= item.mask
+    origin = first.origin + first.rotation @ (low * first.spacing)
+    return replace(
+        first, mask=mask, origin=origin, notes=tuple(dict.fromkeys(n for p in parts for n in p.notes))
+    )
 
 
 @dataclass(frozen=True, slots=True)

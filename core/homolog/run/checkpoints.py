@@ -77,7 +77,8 @@ def _fits_together(stored: dict[str, Array]) -> bool:
         == (shape[1], *stored["neighbours"].shape[1:])
         and stored["neighbours"].dtype == np.int32
         and bool(((stored["neighbours"] >= 0) & (stored["neighbours"] < shape[1])).all())
-        and stored["poses"].shape == (shape[0], 4, 4)
+        and stored["poses"].shape[1:] == (4, 4)
+        and len(stored["poses"]) in range(shape[0], shape[0] * shape[1], shape[0])  # of each structure
         and stored["energies"].shape[1:] == (4,)
         and stored["faces"].dtype == stored["repaired"].dtype == np.int32
         and all(stored[name].dtype == np.float32 for name in ("positions", "widths", "means", "coefficients"))

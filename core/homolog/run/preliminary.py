@@ -8,7 +8,7 @@ from homolog.geometry import inverse_matrices, transform_points
 from homolog.io.results import Result
 from homolog.progress import Tick, no_tick
 from homolog.run.result import OptimizationInput
-from homolog.run.shape_files import surface_of_model
+from homolog.run.shape_files import surface_of_shapes
 from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -36,8 +36,7 @@ def preliminary_result(inputs: OptimizationInput, frame: Frame, tick: Tick = no_
     """
     world = frame.world.astype(np.float64)
     model = ShapeModel().fit(world, names=[shape.name for shape in inputs.shapes])
-    meshes = [shape.mesh for shape in inputs.shapes]
-    surface = surface_of_model(model, world, meshes, frame.alignments, tick)
+    surface = surface_of_shapes(model, world, inputs.shapes, frame.alignments, len(inputs.parts), tick)
     subjects = inputs.cohort.subjects
     return Result(
         names=tuple(subject.name for subject in subjects),

@@ -1,7 +1,7 @@
 """A finished run on disk: particles, shape model, tables, and the record."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -12,18 +12,18 @@ from homolog.cohort import Cohort, sides_of
 from homolog.correspondence import OptimizedParticles, Shape
 from homolog.device import describe_device
 from homolog.grooming import GroomedSubject
-from homolog.inspection.verdict import judge, write_verdict
+from homolog.inspection.verdict import Verdict, Word, judge, write_verdict
 from homolog.io.meshes import write_mesh
 from homolog.io.names import file_stems
 from homolog.io.particle_array import write_all_particles
 from homolog.io.project import ProjectFolder
-from homolog.io.records import ProjectRecord, ResultRecord, ResultSubject
+from homolog.io.records import ProjectRecord, ResultRecord, ResultStructure, ResultSubject
 from homolog.io.results import surface_file
 from homolog.io.tables import write_table
 from homolog.memory import OnDemand
-from homolog.progress import Tick, part_of
+from homolog.progress import Tick, no_tick, part_of
 from homolog.run.fingerprints import surface_hash, versions
-from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
+from homolog.run.shape_files import surface_of_shapes, write_model, write_surfaces
 from homolog.settings import Mirror, RunSettings
 from homolog.statistics.reconstruction import MeanSurface
 from homolog.statistics.shape_model import ShapeModel
@@ -57,6 +57,8 @@ class OptimizationInput:
         Hash of the settings and shapes.
     device : str
         Warp's device alias.
+    parts : mapping of str to OptimizationInput
+        The structures of subjects with several, by name; empty for a single one.
     """
 
     cohort: Cohort
@@ -65,6 +67,7 @@ class OptimizationInput:
     shapes: Sequence[Shape]
     fingerprint: str
     device: str
+    parts: Mapping[str, "OptimizationInput"] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,6 +88,8 @@ class OptimizationOutcome:
         Reason of the end; ``"cancelled"`` if the run can be resumed.
     seconds : mapping of str to float
         Time by phase.
+    parts : mapping of str to OptimizationOutcome
+        The structures of subjects with several, by name.
     """
 
     inputs: OptimizationInput
@@ -95,6 +100,7 @@ class OptimizationOutcome:
     iterations: int
     ended: str
     seconds: Mapping[str, float]
+    parts: Mapping[str, "OptimizationOutcome"] = field(default_factory=dict)
 
 
 _MANY_REPAIRED = 0.25
@@ -135,10 +141,11 @@ def model_of(outcome: OptimizationOutcome, tick: Tick) -> tuple[ShapeModel, Mean
         If particles coincide, so that they define no warp of the surface.
     """
     shapes, world = outcome.inputs.shapes, outcome.world
-    meshes = OnDemand(len(shapes), lambda index: shapes[index].mesh)
     with blas_threads(len(shapes)):
         model = ShapeModel().fit(world, names=[shape.name for shape in shapes])
-        return model, surface_of_model(model, world, meshes, outcome.alignments, tick)
+        return model, surface_of_shapes(
+            model, world, shapes, outcome.alignments, len(outcome.inputs.parts), tick
+        )
 
 
 def write_result(
@@ -148,8 +155,8 @@ def write_result(
     surface: MeanSurface,
     tick: Tick,
     excluded: Mapping[str, str] | None = None,
-) -> None:
-    """Replace the project's last result by the outcome.
+) -> Verdict:
+    """Replace the project's last result by the outcome, after those of its structures if there are several.
 
     Parameters
     ----------
@@ -162,12 +169,24 @@ def write_result(
     excluded : mapping of str to str, optional
         Reasons for the exclusion of subjects, by name.
 
+    Returns
+    -------
+    Verdict
+        That of the structure which is worst.
+
     Raises
     ------
     InputError
         If the project can't be written to; its last result is then unchanged.
     """
-    inputs = outcome.inputs
+    inputs, verdicts = outcome.inputs, list[Verdict]()
+    share = 1.0 / (1 + len(outcome.parts))
+    for number, (name, part) in enumerate(outcome.parts.items()):
+        folder, now = project.structure(name), part_of(tick, number * share, (number + 1) * share)
+        with folder.locked():
+            verdict = write_result(folder, part, *model_of(part, no_tick), now, excluded)
+        verdicts.append(replace(verdict, cause=f"{name}: {verdict.cause}") if verdict.cause else verdict)
+    tick = part_of(tick, len(outcome.parts) * share, 1.0)
     stems = file_stems([shape.name for shape in inputs.shapes])
     with project.replacing_result() as new, blas_threads(len(inputs.shapes)):
         _write_subjects(new, project, outcome, stems, part_of(tick, 0.0, 0.6))
@@ -177,7 +196,12 @@ def write_result(
         surfaces = OnDemand(
             len(inputs.shapes), lambda index: inputs.shapes[index].mesh.placed(outcome.alignments[index])
         )
-        verdict = judge(outcome.world, surfaces, tick=part_of(tick, 0.8, 1.0))
+        order = list(Word)
+        verdict = (
+            max(verdicts, key=lambda item: order.index(item.word))
+            if verdicts
+            else judge(outcome.world, surfaces, tick=part_of(tick, 0.8, 1.0))
+        )
         write_verdict(new, verdict, outcome.world)
         write_table(
             new.folder / "energies.csv",
@@ -193,6 +217,7 @@ def write_result(
                 result=_record(outcome, stems, surface, list((excluded or {}).values())),
             )
         )
+    return verdict
 
 
 def _write_subjects(
@@ -247,4 +272,12 @@ def _record(
         fingerprint=inputs.fingerprint,
         excluded=excluded,
         subjects=subjects,
+        structures=[
+            ResultStructure(name=name, particles=_length(own), vertices=_length(near))
+            for name, (own, near) in zip(inputs.parts, surface.parts, strict=True)
+        ],
     )
+
+
+def _length(rows: slice) -> int:
+    return int(rows.stop - rows.start)

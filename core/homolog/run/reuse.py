@@ -41,6 +41,12 @@ def is_result_of(project: ProjectFolder, cohort: Cohort, settings: RunSettings, 
     result = record.result
     if result is None or record.unfinished or not _matches_request(result, cohort, settings):
         return False
+    if several := settings.of_structures:
+        folders = {name: project.structure(name) for name in several}
+        return all(
+            folders[name].exists and is_result_of(folders[name], cohort, own, tick)
+            for name, own in several.items()
+        )
     for index, subject in enumerate(cohort.subjects):
         tick(index / len(cohort.subjects), f"comparing {subject.name} with the result")
         try:

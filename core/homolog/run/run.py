@@ -20,7 +20,7 @@ from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord
 from homolog.io.results import Result
 from homolog.memory import Store, in_memory, large_arrays_apart
-from homolog.progress import Tick, no_tick, run_in_background
+from homolog.progress import Tick, no_tick, part_of, run_in_background
 from homolog.registration import check_sides
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.run.choose_core import outline
@@ -32,6 +32,7 @@ from homolog.run.preliminary import preliminary_result
 from homolog.run.prior_result import PriorResult, read_prior_result
 from homolog.run.result import CANCELLED, OptimizationInput, OptimizationOutcome, model_of, write_result
 from homolog.run.steps import prepare_inputs, run_optimization
+from homolog.run.structures import prepare_joint_inputs
 from homolog.run.table_cache import TableCache
 from homolog.settings import RunSettings
 from homolog.threads import cores
@@ -97,7 +98,8 @@ class Run:
         self._study: OptimizationInput | None = None
         self._energies = np.empty((0, 4))
         self._excluded: dict[str, str] = {}
-        self._readings: dict[str, Reading] = {}
+        self._grooms = settings.groom.of_structures or {"": settings.groom}
+        self._readings: dict[str, dict[str, Reading]] = {name: {} for name in self._grooms}
         self._store: Store = in_memory
 
     @property
@@ -174,7 +176,7 @@ class Run:
     @property
     def can_be_kept(self) -> bool:
         """Whether there are particles that `keep` can save as the result."""
-        frame = None if self._study is None or self._from_result else self._frame
+        frame = None if self._study is None or self._from_result or self._study.parts else self._frame
         return frame is not None and frame.world.shape[1] >= _FEWEST
 
     def keep(self) -> bool:
@@ -183,8 +185,8 @@ class Run:
         Returns
         -------
         bool
-            False if there are no particles yet, or too few to define a surface, or if the run started from a
-            result, which is then kept (`can_be_kept`).
+            False if there are no particles yet, or too few to define a surface, if the run started from a
+            result, which is then kept, or if there are several structures (`can_be_kept`).
 
         Raises
         ------
@@ -229,11 +231,16 @@ class Run:
             )
             self._control.enter(Phase.ALIGNING, "aligning")
             if grows:
-                outcome = self._grown(cohort, groomed, device)
+                outcome = self._grown(cohort, groomed[""], device)
+            elif "" not in groomed:
+                self._study = prepare_joint_inputs(
+                    cohort, groomed, self._settings, device, self._control.tick, self.project
+                )
+                outcome = self._optimized(self._study, None)
             else:
                 self._study = prepare_inputs(
                     cohort,
-                    groomed,
+                    groomed[""],
                     self._settings,
                     device,
                     self._control.tick,
@@ -253,15 +260,8 @@ class Run:
 
     def _checked(self) -> Cohort:
         self._control.enter(Phase.READING, "reading")
-        self._readings.clear()
-        with worker_processes(self._settings.workers or cores()) as executor:
-            problems = check_cohort(
-                self._cohort,
-                self._settings.groom,
-                self._control.tick,
-                executor=executor,
-                readings=self._readings,
-            )
+        self._refuse_for_several()
+        problems = self._problems()
         self._excluded = {problem.subject: problem.message for problem in problems}
         if problems and not self._skip_bad:
             raise InputError(self.refusal)
@@ -269,6 +269,44 @@ class Run:
         self._check_number(cohort)
         check_sides(cohort, self._settings.groom)  # refuses invalid sides before any work
         return cohort
+
+    def _refuse_for_several(self) -> None:
+        """Refuse settings that need a single structure, and an unknown one to align by."""
+        optimize, names = self._settings.optimize, [name for name in self._grooms if name]
+        if optimize.align_by is not None and optimize.align_by not in names:
+            listed = ", ".join(names) or "there is only one structure"
+            raise InputError(f"{optimize.align_by!r} is none of the structures to align by: {listed}")
+        if names and (optimize.core_set is not None or optimize.landmarks or self._from_result):
+            wish = "a core set" if optimize.core_set else "landmarks" if optimize.landmarks else "a result"
+            raise InputError(
+                f"several structures can't start from {wish} yet; run them without it, or one structure alone"
+            )
+
+    def _problems(self) -> list[Problem]:
+        """Return one problem for each subject that can't be used; what was read of the others is kept."""
+        first: dict[str, Problem] = {}
+        lacking: dict[str, int] = {}
+        share = 1.0 / len(self._grooms)
+        with worker_processes(self._settings.workers or cores()) as executor:
+            for number, (name, groom) in enumerate(self._grooms.items()):
+                self._readings[name] = {}
+                problems = check_cohort(
+                    self._cohort,
+                    groom,
+                    part_of(self._control.tick, number * share, (number + 1) * share),
+                    executor=executor,
+                    readings=self._readings[name],
+                )
+                first = {problem.subject: problem for problem in problems} | first
+                lacking[name] = len(problems)
+        worst = max(lacking, key=lacking.__getitem__)
+        if worst and lacking[worst]:
+            _log.warning(
+                "without the structure %s, %d more subjects could be modelled",
+                worst,
+                len(first) - max(count for name, count in lacking.items() if name != worst),
+            )
+        return list(first.values())
 
     def _check_number(self, cohort: Cohort) -> None:
         if len(cohort.subjects) < 2:
@@ -290,6 +328,9 @@ class Run:
         before = self.project.read() if self.project.exists else ProjectRecord()
         self._recall(before, {subject.name for subject in cohort.subjects})
         with report_os_errors(self.project.groomed):
+            for name in self._grooms:
+                folder = self.project.structure(name) if name else self.project
+                folder.groomed.mkdir(parents=True, exist_ok=True)
             self.project.groomed.mkdir(exist_ok=True)
         if not self._resume:
             self.project.checkpoint.unlink(missing_ok=True)
@@ -313,29 +354,38 @@ class Run:
 
     def _groomed(
         self, cohort: Cohort, reduced: Callable[[GroomedSubject], GroomedSubject]
-    ) -> tuple[Cohort, list[GroomedSubject]]:
+    ) -> tuple[Cohort, dict[str, list[GroomedSubject]]]:
+        """Return the subjects that could be groomed, and their surfaces by structure; "" for a single one."""
         self._control.enter(Phase.GROOMING, "grooming")
         left_out: list[Problem] = []
+        tick, share = self._control.tick, 1.0 / len(self._grooms)
 
-        def work(executor: Executor) -> list[GroomedSubject]:
+        def work(executor: Executor) -> dict[str, list[GroomedSubject]]:
             left_out.clear()
-            return groom_cohort(
-                cohort,
-                self._settings.groom,
-                executor=executor,
-                cache=self.project.groomed,
-                tick=self._control.tick,
-                left_out=left_out if self._skip_bad else None,
-                readings=self._readings,
-                reduced=reduced,
-            )
+            return {
+                name: groom_cohort(
+                    cohort,
+                    groom,
+                    executor=executor,
+                    cache=(self.project.structure(name) if name else self.project).groomed,
+                    tick=part_of(tick, number * share, (number + 1) * share),
+                    left_out=left_out if self._skip_bad else None,
+                    readings=self._readings[name],
+                    reduced=reduced,
+                )
+                for number, (name, groom) in enumerate(self._grooms.items())
+            }
 
         workers, announce = self._settings.workers or cores(), self._control.work_on
         groomed = retried_on_workers(work, "grooming", workers, self._settings.cluster, announce)
-        self._readings.clear()
+        self._readings = {name: {} for name in self._grooms}
         if left_out:
-            self._excluded |= {item.subject: item.message for item in left_out}
-            cohort = cohort.without({item.subject for item in left_out})
+            lost = {item.subject: item.message for item in left_out}
+            self._excluded |= lost
+            cohort = cohort.without(set(lost))
+            groomed = {
+                name: [item for item in items if item.name not in lost] for name, items in groomed.items()
+            }
             self._check_number(cohort)
             self._write_run_record(cohort)
         return cohort, groomed

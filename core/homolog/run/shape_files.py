@@ -7,18 +7,20 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
+from homolog.correspondence import Shape
 from homolog.io.meshes import write_mesh
 from homolog.io.particles import write_particles
 from homolog.io.project import ProjectFolder
 from homolog.io.results import MODE_DEVIATIONS, mean_file, mode_file, write_smoothing
 from homolog.io.tables import write_table
-from homolog.progress import Tick, no_tick
+from homolog.memory import OnDemand
+from homolog.progress import Tick, no_tick, part_of
 from homolog.statistics.reconstruction import MeanSurface, mean_surface, medoid, warp_surface
 from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import cores, in_threads
 
-__all__ = ["surface_of_model", "write_model", "write_surfaces"]
+__all__ = ["surface_of_model", "surface_of_shapes", "write_model", "write_surfaces"]
 
 _SHOWN_SHARE = 0.95
 _LEAST_SHOWN, _MOST_SHOWN = 3, 5
@@ -53,11 +55,50 @@ def surface_of_model(
     NumericalError
         If particles coincide, so that they define no warp of the surface.
     """
-    nearest = medoid(world, model.mean_)
+    return _surface(model.mean_, _moves(model), world, meshes, alignments, tick)
+
+
+def _surface(
+    mean: FloatArray,
+    moves: FloatArray,
+    world: FloatArray,
+    meshes: Sequence[TriangleMesh],
+    alignments: FloatArray,
+    tick: Tick,
+) -> MeanSurface:
+    nearest = medoid(world, mean)
     mesh = meshes[nearest].placed(alignments[nearest])
-    return mean_surface(
-        model.mean_, world[nearest], mesh.vertices, mesh.faces, moves=_moves(model), tick=tick
-    )
+    return mean_surface(mean, world[nearest], mesh.vertices, mesh.faces, moves=moves, tick=tick)
+
+
+def surface_of_shapes(
+    model: ShapeModel,
+    world: FloatArray,
+    shapes: Sequence[Shape],
+    alignments: FloatArray,
+    structures: int = 0,
+    tick: Tick = no_tick,
+) -> MeanSurface:
+    """Return the mean surface of a model of shapes, or of their structures as separate pieces.
+
+    Parameters
+    ----------
+    model, world, alignments, tick
+        As in `surface_of_model`.
+    shapes : sequence of M Shape
+    structures : int
+        How many structures each of them has; 0 for a single one.
+    """
+    if not structures:
+        every = OnDemand(len(shapes), lambda index: shapes[index].mesh)
+        return surface_of_model(model, world, every, alignments, tick)
+    count, moves, surfaces = world.shape[1] // structures, _moves(model), []
+    for number in range(structures):
+        own = slice(number * count, (number + 1) * count)
+        meshes = [shape.parts[number].mesh for shape in shapes]
+        now = part_of(tick, number / structures, (number + 1) / structures)
+        surfaces.append(_surface(model.mean_[own], moves[:, own], world[:, own], meshes, alignments, now))
+    return MeanSurface.joined(surfaces)
 
 
 def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:
@@ -121,7 +162,7 @@ def write_surfaces(new: ProjectFolder, model: ShapeModel, surface: MeanSurface, 
         write_smoothing(new, surface.smoothing)
     moves = surface.moved
     if moves is None:
-        moves = warp_surface(model.mean_, surface.vertices, _moves(model), surface.smoothing)
+        moves = warp_surface(model.mean_, surface.vertices, _moves(model), surface.smoothing, surface.parts)
 
     def write(mode: int) -> None:
         for sign, side in ((-1.0, "minus"), (1.0, "plus")):

@@ -4,7 +4,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from homolog.cohort import Cohort
-from homolog.correspondence import Checkpoint, Frame, FrameCallback, Shape, load_kernels, optimize
+from homolog.correspondence import (
+    Checkpoint,
+    Frame,
+    FrameCallback,
+    OptimizedParticles,
+    Shape,
+    load_kernels,
+    optimize,
+)
 from homolog.device import device_faults
 from homolog.geodesics import GeodesicSolver, solve_tables
 from homolog.grooming import GroomedSubject
@@ -114,6 +122,7 @@ def run_optimization(
         If a particle is lost.
     """
     geodesic = inputs.settings.optimize.method.uses_geodesics
+    align_by = inputs.settings.optimize.align_by
     first = Phase.GEODESICS if geodesic else Phase.SPLITTING
     control.enter(first, "geodesic distances", until=Phase.OPTIMIZING)
 
@@ -136,8 +145,14 @@ def run_optimization(
             resume=resume,
             solve=solve,
             store=store,
+            align_by=list(inputs.parts).index(align_by) if align_by else None,
         )
     return_freed_memory()  # tables and fields take as much as the next steps need
+    return _outcome(inputs, result, control)
+
+
+def _outcome(inputs: OptimizationInput, result: OptimizedParticles, control: Control) -> OptimizationOutcome:
+    """Return the outcome of an optimization, with those of several structures."""
     return OptimizationOutcome(
         add_repair_notes(inputs, result),
         result.world,
@@ -147,4 +162,8 @@ def run_optimization(
         result.iterations,
         result.reason.value,
         control.seconds,
+        {
+            name: _outcome(part, own, control)
+            for (name, part), own in zip(inputs.parts.items(), result.parts, strict=True)
+        },
     )

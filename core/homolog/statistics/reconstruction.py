@@ -3,6 +3,7 @@
 The warp is a thin-plate spline (`homolog.statistics.thin_plate`), smoothed locally where it would fold faces.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,9 @@ from homolog.statistics.thin_plate import (
 )
 
 __all__ = ["MeanSurface", "mean_surface", "medoid", "warp_surface"]
+
+Parts = Sequence[tuple[slice, slice]]
+"""Particles and vertices of each of several structures."""
 
 ROUNDS = 16
 """Largest number of rounds in which the spline is smoothed at folded faces."""
@@ -53,6 +57,8 @@ class MeanSurface:
     moved : (K, V, 3) array or None
         Displacements of the vertices [mm], as by `warp_surface`, for the moves that `mean_surface` was given;
         None if there were none, or some fold faces.
+    parts : tuple of pairs of slices
+        Particles and vertices of each of several structures; empty for a single one.
     """
 
     vertices: FloatArray
@@ -60,6 +66,22 @@ class MeanSurface:
     smoothing: FloatArray
     folded: int
     moved: FloatArray | None = None
+    parts: Parts = ()
+
+    @classmethod
+    def joined(cls, surfaces: Sequence["MeanSurface"]) -> "MeanSurface":
+        """Return the surfaces of several structures as one of separate pieces."""
+        moves = [item.moved for item in surfaces if item.moved is not None]
+        ends = np.cumsum([[len(item.smoothing), len(item.vertices)] for item in surfaces], axis=0).tolist()
+        begins = [[0, 0], *ends[:-1]]
+        return cls(
+            np.concatenate([item.vertices for item in surfaces]),
+            np.concatenate([item.faces + first for item, (_, first) in zip(surfaces, begins, strict=True)]),
+            np.concatenate([item.smoothing for item in surfaces]),
+            sum(item.folded for item in surfaces),
+            np.concatenate(moves, axis=1) if len(moves) == len(surfaces) else None,
+            tuple((slice(a, b), slice(c, d)) for (a, c), (b, d) in zip(begins, ends, strict=True)),
+        )
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -125,7 +147,11 @@ def mean_surface(
 
 
 def warp_surface(
-    mean: FloatArray, vertices: FloatArray, displacements: FloatArray, smoothing: FloatArray
+    mean: FloatArray,
+    vertices: FloatArray,
+    displacements: FloatArray,
+    smoothing: FloatArray,
+    parts: Parts = (),
 ) -> FloatArray:
     """Return the displacements of the mean surface's vertices for displacements of the mean particles.
 
@@ -139,6 +165,8 @@ def warp_surface(
         K displacements of the mean particles, such as modes [mm].
     smoothing : (N,) array
         Smoothing of the `MeanSurface` [mm].
+    parts : sequence of pairs of slices
+        Particles and vertices of each of several structures, which move by themselves.
 
     Returns
     -------
@@ -150,6 +178,12 @@ def warp_surface(
     NumericalError
         If particles coincide or lie in one plane.
     """
+    if parts:
+        moved = [
+            warp_surface(mean[own], vertices[near], displacements[:, own], smoothing[own])
+            for own, near in parts
+        ]
+        return np.concatenate(moved, axis=1)
     centres = farthest_points(mean, MOST_CENTRES)
     return warp_displacements(mean[centres], vertices, displacements[:, centres], smoothing[centres])
 

@@ -1,5 +1,6 @@
 """Closed triangle surfaces."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +11,7 @@ from homolog.errors import InputError
 from homolog.geometry import transform_points
 from homolog.memory import Store
 
-__all__ = ["TriangleMesh"]
+__all__ = ["TriangleMesh", "joined"]
 
 
 @dataclass(frozen=True, eq=False)  # without slots, for cached properties
@@ -128,3 +129,10 @@ class TriangleMesh:
         corners, n = self.faces.T.ravel(), len(self.vertices)
         sums = np.stack([np.bincount(corners, np.tile(item, 3), n) for item in across.T], axis=1)
         return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300))
+
+
+def joined(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
+    """Return several surfaces as one of separate pieces, in their order."""
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, starts.tolist(), strict=True)]
+    return TriangleMesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))

@@ -40,6 +40,18 @@ class Coupling(ABC):
         self.stiffness = wp.zeros(1, dtype=float, device=launcher.device)
 
     @abstractmethod
+    def join(self, others: FloatArray, share: float) -> None:
+        """Let H(Z) be that of several structures together.
+
+        Parameters
+        ----------
+        others : (M, M) array
+            The covariances of the other structures, each times its share of all particles.
+        share : float
+            Share of this structure.
+        """
+
+    @abstractmethod
     def gradients(
         self,
         stage: DeviceArray,
@@ -99,6 +111,13 @@ class Coupling(ABC):
 class HostCoupling(Coupling):
     """numpy on the arrays of the CPU device, without a copy."""
 
+    _others: FloatArray | None = None
+    _share = 1.0
+
+    def join(self, others: FloatArray, share: float) -> None:
+        """Let H(Z) be that of several structures together."""
+        self._others, self._share = others, share
+
     def gradients(
         self,
         stage: DeviceArray,
@@ -109,8 +128,11 @@ class HostCoupling(Coupling):
         """Invert the duals, and write the gradients of both entropies."""
         parameters = stage.numpy()[int(iteration.numpy()[0])]
         centred, logs = (self._rows(item) for item in vectors)
+        ensemble = covariance(centred)
+        if self._others is not None:
+            ensemble = self._share * ensemble + self._others
         self._duals = solve_duals(
-            covariance(centred),
+            ensemble,
             covariance(logs),
             float(parameters["regularization"]),
             float(parameters["normals_regularization"]),
@@ -147,6 +169,10 @@ class DeviceCoupling(Coupling):
         super().__init__(layout, free, any_fixed, launcher)
         self._duals = make_duals(0, N_MATRICES, self.shapes, self.count, launcher.device)
         self.stiffness = self._duals.stiffness
+
+    def join(self, others: FloatArray, share: float) -> None:
+        """Let H(Z) be that of several structures together."""
+        self._duals.join(others, share)
 
     def gradients(
         self,

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from homolog.arrays import DeviceArray
+from homolog.arrays import DeviceArray, FloatArray
 from homolog.correspondence.kernels import dual as dual_kernels
 from homolog.correspondence.kernels import dual_tiles as tile_kernels
 
@@ -41,7 +41,16 @@ class DeviceDuals:
         self.inverses: DeviceArray = wp.zeros((number, shapes, shapes), dtype=float, **make)
         self.logdets: DeviceArray = wp.zeros(number, dtype=wp.float64, **make)
         self.stiffness: DeviceArray = wp.zeros(1, dtype=float, **make)
+        self._others: DeviceArray | None = None
+        self._share = 1.0
         self._allocate(number)
+
+    def join(self, others: FloatArray, share: float) -> None:
+        """Add other structures to the covariance of positions (see `Coupling.join`)."""
+        if self._others is None:
+            self._others = wp.zeros_like(self._covariances[0])
+        self._others.assign(others)
+        self._share = share
 
     def _allocate(self, number: int) -> None:
         """Make further arrays for the inversion of some matrices."""
@@ -59,6 +68,9 @@ class DeviceDuals:
         for rows, out in zip((centred, logs), self._covariances, strict=True):
             if rows is not None:
                 self._gram(divisor, rows, out)
+        if self._others is not None and centred is not None:
+            inputs = [self._share, self._others, self._covariances[0]]
+            self._launch(dual_kernels.join, self._others.shape, inputs)
         self._launch(
             dual_kernels.regularize,
             self._matrices.shape,

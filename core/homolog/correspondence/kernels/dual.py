@@ -18,6 +18,7 @@ __all__ = [
     "N_MATRICES",
     "extract_inverses",
     "gram",
+    "join",
     "load_block",
     "multiply",
     "regularize",
@@ -59,6 +60,17 @@ def gram(
             if lane == 0 and block_row <= block_column and k < shapes and other < shapes:
                 out[k, other] = block_sum / divisor
                 out[other, k] = block_sum / divisor
+
+
+@wp.kernel
+def join(
+    share: wp.float64,
+    others: wp.array2d(dtype=wp.float64),
+    covariance: wp.array2d(dtype=wp.float64),
+):
+    """Take the mean of a structure's covariance and those of the others, which are weighted already."""
+    i, j = wp.tid()
+    covariance[i, j] = share * covariance[i, j] + others[i, j]
 
 
 @wp.kernel

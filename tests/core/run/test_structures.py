@@ -1,0 +1,169 @@
+"""Runs of several structures: what comes in, what is on disk, and who is left out."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from homolog.cohort import read_cohort
+from homolog.errors import InputError
+from homolog.geometry import transform_points
+from homolog.io.meshes import read_mesh, write_mesh
+from homolog.io.project import ProjectFolder
+from homolog.io.results import read_result, read_surface
+from homolog.run import FinishReason, Run, is_result_of
+from homolog.surfaces.mesh import TriangleMesh
+
+
+def ellipsoid(ball, axes, centre):
+    return TriangleMesh(ball.vertices * axes + centre, ball.faces)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, ellipsoids):
+    """Return a folder with a folder a subject, and a file a structure in it."""
+    from homolog.samples.solids import ellipsoid as level_of
+    from homolog.samples.solids import surface_of
+
+    line = np.arange(-1.4, 1.4, 0.1)
+    grid = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1)
+    ball = surface_of(level_of(grid, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)), np.full(3, -1.4), 0.1, 400)
+    place = tmp_path_factory.mktemp("structures") / "scans"
+    for k, name in enumerate("abcd"):
+        (place / name).mkdir(parents=True)
+        write_mesh(place / name / "long.ply", ellipsoid(ball, (9.0, 6.0, 6.0 + k), (0.0, 0.0, 0.0)))
+        write_mesh(place / name / "flat.ply", ellipsoid(ball, (3.0, 6.0, 5.0), (14.0 + k, 0.0, 0.0)))
+    return place
+
+
+@pytest.fixture(scope="module")
+def settings(short_settings):
+    groom = short_settings.groom.model_copy(update={"structures": "long,flat"})
+    return short_settings.model_copy(update={"groom": groom})
+
+
+@pytest.fixture(scope="module")
+def project(folder, settings):
+    done = ProjectFolder(folder.parent / "project")
+    assert Run(done, read_cohort(folder), settings).execute() is FinishReason.COMPLETED
+    return done
+
+
+def test_a_result_has_the_particles_of_all_structures_as_they_lie_in_the_body(project, folder):
+    result = read_result(project)
+    assert [(part.name, part.particles) for part in result.parts] == [
+        ("long", slice(0, 48)),
+        ("flat", slice(48, 96)),
+    ]
+    assert result.world.shape == (4, 96, 3)
+    assert np.allclose(transform_points(result.alignments, result.local), result.world, atol=1e-9)
+    middles = [result.local[:, part.particles].mean(axis=1)[:, 0] for part in result.parts]
+    assert np.allclose(middles[1] - middles[0], [14.0, 15.0, 16.0, 17.0], atol=0.5)
+
+
+def test_each_structure_is_a_project_of_its_own(project):
+    result = read_result(project)
+    for part in result.parts:
+        own = project.structure(part.name)
+        alone = read_result(own)
+        assert alone.names == result.names
+        assert np.array_equal(alone.local, result.local[:, part.particles])
+        surface = read_surface(own, own.read().result.subjects[0])
+        gaps = np.linalg.norm(alone.local[0][:, None] - surface.vertices, axis=2).min(axis=1)
+        assert gaps.max() < surface.mean_edge
+        assert own.cohort().subjects[0].structures[part.name].is_file()
+
+
+def test_surfaces_have_a_piece_for_each_structure(project):
+    result = read_result(project)
+    for index, subject in enumerate(project.read().result.subjects):
+        pieces = [
+            read_surface(
+                project.structure(part.name),
+                project.structure(part.name).read().result.subjects[index],
+            )
+            for part in result.parts
+        ]
+        whole = read_surface(project, subject)
+        assert np.array_equal(whole.vertices, np.concatenate([piece.vertices for piece in pieces]))
+    mean = result.mean_surface
+    for part in result.parts:
+        faces = np.isin(mean.faces, np.arange(part.vertices.start, part.vertices.stop))
+        assert np.array_equal(faces.any(axis=1), faces.all(axis=1))
+
+
+def test_the_surfaces_of_a_mode_move_each_structure_with_its_own_particles(project):
+    result = read_result(project)
+    mode = read_mesh(project.model / "mode_01_plus_2sd.vtp")
+    moved = mode.vertices - result.mean_surface.vertices
+    means = [np.linalg.norm(moved[part.vertices], axis=1).mean() for part in result.parts]
+    assert min(means) > 0.0
+
+
+def test_a_result_of_the_same_files_and_structures_is_known(project, folder, settings):
+    cohort = read_cohort(folder)
+    assert is_result_of(project, cohort, settings)
+    turned = settings.model_copy(
+        update={"groom": settings.groom.model_copy(update={"structures": "flat,long"})}
+    )
+    assert not is_result_of(project, cohort, turned)
+
+
+def test_a_cancelled_run_of_several_structures_goes_on(project, folder, settings, tmp_path):
+    from homolog.run import Phase
+
+    again = ProjectFolder(tmp_path / "again")
+    run = Run(again, read_cohort(folder), settings)
+    reason = run.execute(lambda status: run.cancel() if status.phase is Phase.OPTIMIZING else None)
+    assert reason is FinishReason.CANCELLED
+    assert not run.can_be_kept
+    assert Run(again, again.cohort(), settings, resume=True).execute() is FinishReason.COMPLETED
+    assert np.array_equal(read_result(again).local, read_result(project).local)
+
+
+def test_a_subject_without_a_structure_is_named_and_can_be_left_out(folder, settings, tmp_path):
+    shutil.copytree(folder, tmp_path / "scans")
+    (tmp_path / "scans" / "b" / "flat.ply").unlink()
+    cohort = read_cohort(tmp_path / "scans")
+    run = Run(ProjectFolder(tmp_path / "project"), cohort, settings)
+    with pytest.raises(InputError) as refused:
+        run.execute()
+    assert len(str(refused.value).splitlines()) == 1
+    assert "has no file of 'flat'" in str(refused.value)
+    kept = Run(ProjectFolder(tmp_path / "project"), cohort, settings, skip_bad=True)
+    assert kept.execute() is FinishReason.COMPLETED
+    assert read_result(kept.project).names == ("a", "c", "d")
+
+
+def test_structures_in_different_frames_are_noted(folder, settings, tmp_path):
+    shutil.copytree(folder, tmp_path / "scans")
+    place = tmp_path / "scans" / "c" / "flat.ply"
+    mesh = read_mesh(place)
+    write_mesh(place, TriangleMesh(mesh.vertices + np.array([300.0, 0.0, 0.0]), mesh.faces))
+    project = ProjectFolder(tmp_path / "project")
+    Run(project, read_cohort(tmp_path / "scans"), settings).execute()
+    noted = {item.name: " ".join(item.notes) for item in project.read().result.subjects}
+    assert [name for name, note in noted.items() if "different coordinate systems" in note] == ["c"]
+
+
+@pytest.mark.parametrize("what", ["a core set", "landmarks", "a result"])
+def test_what_needs_a_single_structure_is_refused(folder, settings, tmp_path, what):
+    changes = {"a core set": {"core_set": 3}, "landmarks": {"landmarks": True}, "a result": {}}
+    optimize = settings.optimize.model_copy(update=changes[what])
+    run = Run(
+        ProjectFolder(tmp_path),
+        read_cohort(folder),
+        settings.model_copy(update={"optimize": optimize}),
+        from_result=what == "a result",
+    )
+    with pytest.raises(InputError, match=what):
+        run.execute()
+
+
+def test_an_unknown_structure_to_align_by_is_refused(folder, settings, tmp_path):
+    optimize = settings.optimize.model_copy(update={"align_by": "round"})
+    run = Run(
+        ProjectFolder(tmp_path), read_cohort(folder), settings.model_copy(update={"optimize": optimize})
+    )
+    with pytest.raises(InputError, match="none of the structures to align by: long, flat"):
+        run.execute()
