@@ -35,7 +35,7 @@ class JointEngine(Engine):
     """The engines of all structures as one, for the loop over stages."""
 
     def __init__(self, loops: Sequence[OptimizationLoop], alignments: FloatArray) -> None:
-        self._loops, self._alignments = loops, alignments @ _images(alignments)
+        self._loops, self.alignments = loops, alignments @ _images(alignments)
         self.poses = np.tile(np.eye(4), (len(alignments), 1, 1))
 
     @property
@@ -50,7 +50,7 @@ class JointEngine(Engine):
     def aligned_positions(self) -> FloatArray:
         """Return the particles of all structures as the subjects are aligned, (M, S n, 3) [mm]."""
         local = np.concatenate([loop.local_positions() for loop in self._loops], axis=1)
-        return transform_points(self._alignments, local)
+        return transform_points(self.alignments, local)
 
     def start_stage(self, weights: Sequence[Weights], done: int = 0) -> None:
         """Load the parameters of a stage's iterations; the first `done` have been run."""
