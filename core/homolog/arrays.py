@@ -1,5 +1,8 @@
 """Array types and the read-only rule: arrays that are passed between packages can't be written to."""
 
+from collections.abc import Iterable, Mapping
+from html import escape
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -13,7 +16,9 @@ __all__ = [
     "Float32Array",
     "FloatArray",
     "IntArray",
+    "data_frame",
     "frozen",
+    "html_of",
 ]
 
 Array = NDArray[Any]
@@ -43,3 +48,16 @@ def frozen(array: Array, dtype: Any = None) -> Array:  # noqa: ANN401 - anything
     result = np.ascontiguousarray(array, dtype=dtype).view()
     result.setflags(write=False)
     return result
+
+
+def data_frame(columns: Mapping[str, Any], rows: Iterable[object], title: str) -> Any:  # noqa: ANN401 - pandas
+    """Return a pandas DataFrame of columns, whose rows are named below a title; pandas is imported then."""
+    pandas = import_module("pandas")
+    return pandas.DataFrame(dict(columns), index=pandas.Index(list(rows), name=title))
+
+
+def html_of(title: str, table: Any, lines: Iterable[str] = ()) -> str:  # noqa: ANN401 - pandas
+    """Return what a notebook shows: a title, the first and last rows of a DataFrame, and lines below."""
+    below = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    rows = table.to_html(max_rows=10, max_cols=12, float_format="{:.4g}".format, border=0)
+    return f"<p><b>{escape(title)}</b></p>{rows}{f'<ul>{below}</ul>' if below else ''}"

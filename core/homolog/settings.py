@@ -100,12 +100,17 @@ class Procrustes(StrEnum):
     OFF = "off"
     RIGID = "rigid"
     FORM = "form"
-    SIMILARITY = "similarity"
+    SHAPE = "shape"
+
+    @classmethod
+    def _missing_(cls, value: object) -> "Procrustes | None":
+        """Read what projects of earlier versions say."""
+        return cls.SHAPE if value == "similarity" else None
 
     @property
     def takes_size_out(self) -> bool:
         """Whether shapes are compared at one size."""
-        return self in (Procrustes.FORM, Procrustes.SIMILARITY)
+        return self in (Procrustes.FORM, Procrustes.SHAPE)
 
 
 def _form(pattern: str, expected: str) -> AfterValidator:
@@ -362,8 +367,7 @@ class OptimizeSettings(_Settings):
         Procrustes,
         Field(
             description="Alignment of the particles: off, rigid (sizes kept), form (optimized at one size, "
-            "sizes kept in results) or similarity (one size). Auto: form with ICP, similarity with scaling, "
-            "else off."
+            "sizes kept in results) or shape (one size). Auto: form with ICP, shape with scaling, else off."
         ),
     ] = Procrustes.AUTO
     core_set: Annotated[
@@ -525,5 +529,5 @@ class RunSettings(_Settings):
             return self.optimize
         meant = Procrustes.OFF
         if self.groom.alignment is Alignment.ICP:
-            meant = Procrustes.SIMILARITY if self.groom.scaling else Procrustes.FORM
+            meant = Procrustes.SHAPE if self.groom.scaling else Procrustes.FORM
         return self.optimize.model_copy(update={"procrustes": meant})

@@ -14,7 +14,7 @@ groups = 12 * ["control"] + 12 * ["patient"]
 ages = random.uniform(20.0, 80.0, size=24)
 
 form, shape = hl.compare_groups(
-    shapes, groups, ("control", "patient"), covariates={"age": ages}, permutations=999, seed=0
+    shapes, groups, ("control", "patient"), covariates={"age": ages}, permutations=999, random_state=0
 )
 
 print(f"{form.title}: form p = {form.p_adjusted:.3f}, shape p = {shape.p_adjusted:.3f}")

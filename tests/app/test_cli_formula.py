@@ -136,9 +136,9 @@ def test_rows_of_data_are_matched_by_name_in_any_order(grown):
 
 def test_size_is_tested_beside_shape_and_slopes_have_intervals(grown):
     folder = grown[0]
-    answer = hl.compare(folder, "~ group * log_size", alignment="similarity", permutations=199, anyway=True)
+    answer = hl.compare(folder, "~ group * log_size", alignment="shape", permutations=199, anyway=True)
     assert [item.size is None for item in answer.terms] == [True, True, True]  # size is adjusted for
-    answer = hl.compare(folder, "~ group * age", alignment="rigid", permutations=199, modes=2, anyway=True)
+    answer = hl.compare(folder, "~ group * age", alignment="form", permutations=199, modes=2, anyway=True)
     assert all(item.size is not None and item.size.p is not None for item in answer.terms)
     apart = {(family.of, item.name): item for family in answer.differences for item in family.each}
     steeper = apart["differences of slopes of age by group", "age, b - a"]

@@ -15,7 +15,7 @@ from homolog.run import Run
 from homolog.statistics.effects import Effect
 from homolog_app.cli import main
 
-QUICK = ["--permutations", "99", "--alignment", "rigid", "--progress", "none"]
+QUICK = ["--permutations", "99", "--alignment", "form", "--progress", "none"]
 
 
 @pytest.fixture

@@ -36,7 +36,8 @@ __all__ = [
 ]
 
 
-_ALIGNMENTS = ["as-it-lies", "rigid", "similarity"]
+_ALIGNMENTS = ["shape", "form", "as-it-lies"]
+_FORMER_ALIGNMENTS = {"similarity": "shape", "rigid": "form"}
 
 
 def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
@@ -55,6 +56,7 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
         nargs="?",
         const="",
         choices=["", *_ALIGNMENTS, "none"],
+        type=_alignment,
         metavar="ALIGNMENT",
         help="make this the primary study: reports begin with it, and the others follow in a fixed "
         "sequence. With several alignments it is the named one, or else the first. none: no study is primary",
@@ -114,14 +116,15 @@ def _add_question(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--alignment",
         choices=_ALIGNMENTS,
+        type=_alignment,
         nargs="+",
-        help="alignment of the shapes: rigid keeps size (form), similarity removes it (shape), as-it-lies "
-        "keeps size and pose (default: similarity; size is always tested as well)",
+        help="what is compared: shape (without size), form (size and shape), as-it-lies (pose as well) "
+        "(default: shape; size is always tested as well)",
     )
     parser.add_argument(
         "--size",
         choices=["both", "with", "without"],
-        help="short for --alignment: with is rigid, without is similarity",
+        help=argparse.SUPPRESS,  # the former words: with is form, without is shape
     )
 
 
@@ -190,10 +193,15 @@ def run_analyze(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _alignment(word: str) -> str:
+    """Return an alignment's name, also for its name in earlier versions."""
+    return _FORMER_ALIGNMENTS.get(word, word)
+
+
 def _alignments(arguments: argparse.Namespace) -> list[str]:
     if arguments.size and arguments.alignment:
         raise InputError("--size is short for --alignment; give one of them")
-    by_size = {"with": ["rigid"], "both": ["similarity", "rigid"]}.get(arguments.size, ["similarity"])
+    by_size = {"with": ["form"], "both": ["shape", "form"]}.get(arguments.size, ["shape"])
     return list(dict.fromkeys(arguments.alignment or by_size))
 
 

@@ -58,7 +58,7 @@ def compare(
     seed: int,
     tick: Tick = no_tick,
     *,
-    alignment: Alignment = Alignment.RIGID,
+    alignment: Alignment = Alignment.FORM,
 ) -> Answer:
     """Compare two groups of a column: (column, first, second); raises as `ask` does."""
     column, first, second = groups

@@ -54,8 +54,8 @@ _TABLES = ("quality.csv", "correspondence.csv", "measures.csv", "settings.csv")
 """Files next to the page."""
 _ALIGNED = {
     Alignment.AS_IT_LIES: "as they lay after the run",
-    Alignment.RIGID: "by generalized Procrustes analysis [gower] without scaling (form)",
-    Alignment.SIMILARITY: "by generalized Procrustes analysis [gower] with scaling to one size (shape)",
+    Alignment.FORM: "by generalized Procrustes analysis [gower] without scaling (form)",
+    Alignment.SHAPE: "by generalized Procrustes analysis [gower] with scaling to one size (shape)",
 }
 
 
@@ -269,7 +269,7 @@ def _of_studies(studies: Sequence[_Study]) -> dict[str, object]:
         "has_formulas": any(question.kind == "formula" for question in requested),
         "is_paired": any(question.kind == "pairs" for question in requested),
         "complete_cases": any(question.complete_cases for question in requested),
-        "similar": any(question.alignment is Alignment.SIMILARITY for question in requested),
+        "similar": any(question.alignment is Alignment.SHAPE for question in requested),
     }
 
 

@@ -136,7 +136,7 @@ _HEART_STOPS = (
         "Colours show where the difference is significant: the wall is thinner in the infarct.",
         "explore.test",
         "explore.groups",
-        ShapeAlignment.SIMILARITY,
+        ShapeAlignment.SHAPE,
     ),
 )
 

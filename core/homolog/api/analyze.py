@@ -14,7 +14,7 @@ from homolog.progress import tick_of
 
 __all__ = ["analyze"]
 
-_Alignment = Literal["rigid", "similarity", "as-it-lies"]
+_Alignment = Literal["form", "shape", "as-it-lies"]
 
 
 def analyze(
@@ -30,10 +30,10 @@ def analyze(
     strata: str | None = None,
     squares: Literal["I", "II", "III"] = "II",
     complete_cases: bool = False,
-    alignment: _Alignment | Sequence[_Alignment] = "similarity",
+    alignment: _Alignment | Sequence[_Alignment] = "shape",
     modes: int | None = None,
     permutations: int = 10_000,
-    seed: int = 0,
+    random_state: int = 0,
     seeds: int | None = None,
     primary: str | None = None,
     anyway: bool = False,
@@ -41,7 +41,7 @@ def analyze(
 ) -> tuple[StudyAnswer, ...]:
     """Answer a question about a project, write its tables, and add it to the project's report.
 
-    Parameters have the names and meanings of the options of ``homolog analyze``.
+    Parameters have the names and meanings of the options of ``homolog analyze`` (`random_state` is its seed).
 
     Parameters
     ----------
@@ -59,19 +59,21 @@ def analyze(
         Columns to adjust for; ``COLUMN:c`` treats numbers as categories.
     formula : str, optional
         Terms to test in place of groups, such as ``"~ group * age + sex"``; see `compare`.
-    subject, strata : str, optional
-        For a formula, columns of the subject of repeated measures, and of strata such as sites.
+    subject : str, optional
+        For a formula, column of the subject of repeated measures.
+    strata : str, optional
+        For a formula, column of strata, such as sites.
     squares : {"II", "I", "III"}
         For a formula, type of the sums of squares.
     complete_cases : bool
         Whether subjects with missing values in the columns used are excluded, instead of refused.
-    alignment : {"similarity", "rigid", "as-it-lies"}, or several of them
-        Alignments before the comparison: shape with size beside it (the default), form, or none.
+    alignment : {"shape", "form", "as-it-lies"}, or several of them
+        What is compared: shape with size beside it (the default), form, or the shapes as they lie.
     modes : int, optional
         Number of modes to test; chosen by parallel analysis if not given.
     permutations : int
         Permutations of each test.
-    seed : int
+    random_state : int
         Random seed.
     seeds : int, optional
         Number of seeds of the correspondence with which run and tests are repeated; by default the stored
@@ -119,7 +121,7 @@ def analyze(
             complete_cases=complete_cases,
             modes=modes,
             permutations=permutations,
-            seed=seed,
+            seed=random_state,
         )
         chosen = primary_of(requested, primary)
         answers = analyze_result(folder, result, requested, seeds, tick_of(callback))

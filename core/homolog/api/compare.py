@@ -8,6 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast, overload
 
+from homolog.api.inputs import column_of, columns_of
 from homolog.api.project import Project
 from homolog.arrays import Array, ArrayLike
 from homolog.comparison.ask import ask
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
 
 __all__ = ["compare", "compare_groups", "regress"]
 
-_Alignment = Literal["rigid", "similarity", "as-it-lies"]
-_BOTH: tuple[_Alignment, ...] = ("rigid", "similarity")
+_Alignment = Literal["form", "shape", "as-it-lies"]
+_BOTH: tuple[_Alignment, ...] = ("form", "shape")
 Covariates = Mapping[str, Sequence[str | float] | Array]
 
 
@@ -41,7 +42,7 @@ def compare_groups(
     alignment: _Alignment,
     modes: int | None = None,
     permutations: int = 10_000,
-    seed: int = 0,
+    random_state: int = 0,
     names: Sequence[str] | None = None,
     callback: Callable[[float, str], object] | None = None,
 ) -> Comparison: ...
@@ -59,7 +60,7 @@ def compare_groups(
     alignment: tuple[_Alignment, ...] | list[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
-    seed: int = 0,
+    random_state: int = 0,
     names: Sequence[str] | None = None,
     callback: Callable[[float, str], object] | None = None,
 ) -> tuple[Comparison, ...]: ...
@@ -76,7 +77,7 @@ def compare_groups(
     alignment: _Alignment | Sequence[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
-    seed: int = 0,
+    random_state: int = 0,
     names: Sequence[str] | None = None,
     callback: Callable[[float, str], object] | None = None,
 ) -> Comparison | tuple[Comparison, ...]:
@@ -86,7 +87,7 @@ def compare_groups(
     ----------
     particles : (M, N, 3) array_like
         Corresponding points [mm], such as `Correspondence.aligned`.
-    groups : sequence of str or None
+    groups : sequence of str or None, or pandas.Series
         Group of each of the M subjects.
     between : sequence of str, optional
         Two or more groups to compare; differences are relative to the first. By default all, in order of
@@ -94,24 +95,24 @@ def compare_groups(
     pairs : sequence of str or None, optional
         For two groups, the pair of each of the M subjects, such as the patient of a left and a right bone:
         tests the differences within pairs, as ``homolog analyze --pairs``. Unpaired subjects are excluded.
-    covariates : mapping of str to sequence, optional
+    covariates : pandas.DataFrame or mapping of str to sequence, optional
         Covariates to adjust for, with M numbers or texts each, such as ``{"age": ages}``. If a name ends in
         ``:c``, such as ``site:c``, its numbers are codes of categories.
     complete_cases : bool
         Whether subjects with missing covariates, or without a pair or partner, are excluded and counted in
         the result's `notes`, instead of refused.
-    alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
-        Alignment before the comparison: rigid (form: size and shape), by similarities (shape alone), or
-        none. Several alignments give several answers, by default form and shape; their p-values are not
-        corrected for each other: choose the one that counts before you see results.
+    alignment : {"form", "shape", "as-it-lies"}, or several of them
+        What is compared: form (size and shape, aligned rigidly), shape alone (aligned and scaled to one
+        size), or the shapes as they lie. Several give several answers, by default form and shape; their
+        p-values are not corrected for each other: choose the one that counts before you see results.
     modes : int, optional
         Number of modes in which the whole shape is tested; chosen by parallel analysis if not given.
     permutations : int
         Number of permutations of each test; p-values are at least 1 / (permutations + 1).
-    seed : int
+    random_state : int
         Random seed of the permutations; the same seed gives the same result.
     names : sequence of str, optional
-        Subject names, for messages.
+        Subject names, for messages; rows of pandas with texts as their index are matched with them.
     callback : callable, optional
         ``callback(fraction, message)``; raise `Cancelled`, or any other error, in it to stop.
 
@@ -147,15 +148,16 @@ def compare_groups(
     >>> form.title, int(np.argmin(form.p_fwe)), int(np.argmin(shape.p_fwe))
     ('bump - plain', 7, 7)
     """
-    if pairs is not None and any(isinstance(pair, tuple | list) for pair in pairs):
+    if isinstance(pairs, tuple | list) and any(isinstance(pair, tuple | list) for pair in pairs):
         raise InputError("pairs: give the name of each subject's pair; `between` chooses the groups")
-    column, pairing = _unused("groups", covariates), _unused("pairs", covariates)
-    columns: dict[str, Sequence[str | float | None] | Array] = {
-        column: [None if group is None else str(group) for group in groups],
-        **(covariates or {}),
-    }
+    if isinstance(between, str):
+        raise InputError(f"between={between!r}: give two or more groups")
+    given = columns_of(covariates, names)
+    column, pairing = _unused("groups", given), _unused("pairs", given)
+    labels = [None if group is None else str(group) for group in column_of(groups, names, "groups")]
+    columns = {column: labels, **given}
     if pairs is not None:
-        columns[pairing] = pairs
+        columns[pairing] = column_of(pairs, names, "pairs")
     sample = Sample.of_arrays(particles, columns, names)
     order = tuple(between) if between is not None else tuple(levels(sample.column(column)))
     question = {
@@ -163,11 +165,11 @@ def compare_groups(
         "column": column,
         "between": order,
         "pairs": None if pairs is None else pairing,
-        "covariates": tuple(covariates or ()),
+        "covariates": tuple(given),
         "complete_cases": complete_cases,
         "modes": modes,
         "permutations": permutations,
-        "seed": seed,
+        "seed": random_state,
     }
     return _comparisons(sample, alignment, callback, question)
 
@@ -183,7 +185,7 @@ def regress(
     alignment: _Alignment,
     modes: int | None = None,
     permutations: int = 10_000,
-    seed: int = 0,
+    random_state: int = 0,
     names: Sequence[str] | None = None,
     callback: Callable[[float, str], object] | None = None,
 ) -> Comparison: ...
@@ -200,7 +202,7 @@ def regress(
     alignment: tuple[_Alignment, ...] | list[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
-    seed: int = 0,
+    random_state: int = 0,
     names: Sequence[str] | None = None,
     callback: Callable[[float, str], object] | None = None,
 ) -> tuple[Comparison, ...]: ...
@@ -216,7 +218,7 @@ def regress(
     alignment: _Alignment | Sequence[_Alignment] = _BOTH,
     modes: int | None = None,
     permutations: int = 10_000,
-    seed: int = 0,
+    random_state: int = 0,
     names: Sequence[str] | None = None,
     callback: Callable[[float, str], object] | None = None,
 ) -> Comparison | tuple[Comparison, ...]:
@@ -235,16 +237,16 @@ def regress(
     complete_cases : bool
         Whether subjects with missing values are excluded and counted in the result's `notes`, instead of
         refused.
-    alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
+    alignment : {"form", "shape", "as-it-lies"}, or several of them
         Alignment before the test, as in `compare_groups`.
     modes : int, optional
         Number of modes in which the whole shape is tested; chosen by parallel analysis if not given.
     permutations : int
         Number of permutations of each test.
-    seed : int
+    random_state : int
         Random seed of the permutations.
     names : sequence of str, optional
-        Subject names, for messages.
+        Subject names, for messages; rows of pandas with texts as their index are matched with them.
     callback : callable, optional
         ``callback(fraction, message)``.
 
@@ -280,15 +282,16 @@ def regress(
     >>> form.title, int(np.argmin(form.p_fwe))
     ('age', 7)
     """
-    sample = Sample.of_arrays(particles, {name: values, **(covariates or {})}, names)
+    given = columns_of(covariates, names)
+    sample = Sample.of_arrays(particles, {name: column_of(values, names, repr(name)), **given}, names)
     question = {
         "kind": "regression",
         "column": name,
-        "covariates": tuple(covariates or ()),
+        "covariates": tuple(given),
         "complete_cases": complete_cases,
         "modes": modes,
         "permutations": permutations,
-        "seed": seed,
+        "seed": random_state,
     }
     return _comparisons(sample, alignment, callback, question)
 
@@ -302,10 +305,10 @@ def compare(
     strata: str | None = None,
     squares: Literal["I", "II", "III"] = "II",
     complete_cases: bool = False,
-    alignment: _Alignment = "similarity",
+    alignment: _Alignment = "shape",
     modes: int | None = None,
     permutations: int = 10_000,
-    seed: int = 0,
+    random_state: int = 0,
     out: str | PathLike[str] | None = None,
     anyway: bool = False,
     callback: Callable[[float, str], object] | None = None,
@@ -332,13 +335,13 @@ def compare(
         or for all others.
     complete_cases : bool
         Whether rows with missing values in the columns used are excluded and named, instead of refused.
-    alignment : {"similarity", "rigid", "as-it-lies"}
+    alignment : {"shape", "form", "as-it-lies"}
         Alignment before the test, as in `compare_groups`.
     modes : int, optional
         Number of modes that are tested beside the coordinates; by parallel analysis if not given.
     permutations : int
         Number of randomizations of each test.
-    seed : int
+    random_state : int
         Random seed.
     out : path, optional
         Folder for ``anova.csv``, ``differences.csv``, ``allometry.csv`` and ``columns.csv``.
@@ -386,9 +389,9 @@ def compare(
         modes=modes,
         complete_cases=complete_cases,
         permutations=permutations,
-        seed=seed,
+        seed=random_state,
     )
-    columns = None if data is None else {str(name): list(data[name]) for name in data}
+    columns = None if data is None else columns_of(data, what="data")
     if isinstance(result, str | PathLike):
         result = Project(result)
     model = None
@@ -419,9 +422,9 @@ def compare(
     return answer
 
 
-def _unused(name: str, covariates: Covariates | None) -> str:
+def _unused(name: str, covariates: Mapping[str, object]) -> str:
     """Return a name that no covariate has."""
-    return _unused(f"{name}_", covariates) if name in (covariates or {}) else name
+    return _unused(f"{name}_", covariates) if name in covariates else name
 
 
 def _comparisons(

@@ -29,6 +29,7 @@ from homolog.inspection.verdict import Verdict, judge
 from homolog.io.atomic import report_os_errors
 from homolog.io.names import file_stems
 from homolog.io.project import ProjectFolder
+from homolog.io.records import note_lines
 from homolog.io.results import surface_file
 from homolog.parameters import fault_text
 from homolog.progress import no_tick
@@ -54,7 +55,7 @@ Callback = Callable[[float, str], object]
 class Settings(TypedDict, total=False):
     """Further settings of `correspond`, named as on the command line."""
 
-    label: int | None
+    label: int | str | None
     segment: str | None
     structures: str | None
     values: Literal["labels", "distance", "probability"] | None
@@ -69,8 +70,8 @@ class Settings(TypedDict, total=False):
     adaptive_mesh: bool
     method: Literal["geodesic-normals", "geodesic", "normals", "euclidean"]
     align_by: str | None
-    seed: int
-    procrustes: Literal["auto", "off", "rigid", "form", "similarity"]
+    random_state: int
+    procrustes: Literal["auto", "off", "rigid", "form", "shape"]
     core_set: int | None
     landmarks: bool
     ensemble_weight: float | None
@@ -113,7 +114,7 @@ class Correspondence(HasMeanShape):
     converged : bool
         Whether the objective converged before the maximum number of iterations.
     notes : tuple of str
-        Findings and changes, one line each.
+        Findings and changes, one line for each kind.
     """
 
     names: tuple[str, ...]
@@ -145,6 +146,9 @@ class Correspondence(HasMeanShape):
     @cached_property
     def _modelled(self) -> tuple[ShapeModel, MeanSurface]:
         return model_of(self._outcome, no_tick)
+
+    def _surfaces(self) -> tuple[TriangleMesh, ...]:
+        return self.meshes
 
     @property
     def _mean_shape(self) -> MeanShape:
@@ -212,10 +216,11 @@ def correspond(
     ----------
     shapes : Cohort, path, mapping or iterable
         Two or more shapes: a `Cohort` (`read_cohort`), the path of a folder or table, a list of shapes, or a
-        dict of them by name. Each shape is the path of a segmentation or mesh, a `TriangleMesh`, a trimesh or
-        pyvista mesh, a pair (vertices (V, 3), faces (F, 3)) of arrays, a SimpleITK image, a label array
-        (I, J, K) with `voxel_size`, or a pair (labels, index_to_world (4, 4)). Lengths are in mm; meshes may
-        be open or damaged.
+        dict of them by name. Each shape is the path of a segmentation or mesh, a `TriangleMesh`, a mesh of
+        trimesh, pyvista, VTK (``vtkPolyData``, ``vtkUnstructuredGrid``) or meshio, a pair (vertices (V, 3),
+        faces (F, 3)) of arrays, an image of SimpleITK or nibabel, a label array (I, J, K) with `voxel_size`,
+        or a pair (labels, index_to_world (4, 4)) in LPS. Lengths are in mm; meshes may be open or damaged,
+        and of volume cells the surface is taken.
     n_particles : int
         Corresponding points on every shape.
     voxel_size : float or three floats, optional
@@ -231,10 +236,11 @@ def correspond(
         error, to stop.
     **settings
         Any setting of ``homolog run`` by its name, such as ``alignment="center"``, ``smoothing=0.5`` or
-        ``seed=1``: see the table of settings in docs/api.md. On a CPU, the same shapes, settings and seed
-        give bit-identical particles. With ``core_set=K``, K subjects are optimized jointly and the others
-        fitted to them, with surfaces and fits in a temporary folder; ``homolog run`` stores these in the
-        project, so that it can be resumed, and needs memory for few surfaces.
+        ``random_state=1``: see the table of settings in docs/api.md. ``label`` is the value or the name of a
+        structure. On a CPU, the same shapes, settings and random state give bit-identical particles. With
+        ``core_set=K``, K subjects are optimized jointly and the others fitted to them, with surfaces and fits
+        in a temporary folder; ``homolog run`` stores these in the project, so that it can be resumed, and
+        needs memory for few surfaces.
 
     Returns
     -------
@@ -335,7 +341,11 @@ def run_settings(given: dict[str, Any], n_particles: int, device: str, workers: 
     InputError
         With a line for each invalid value.
     """
-    unknown = sorted(given.keys() - Settings.__annotations__.keys())
+    if isinstance(given.get("label"), str):
+        given["segment"] = given.pop("label")  # as projects store it
+    if "random_state" in given:
+        given["seed"] = given.pop("random_state")
+    unknown = sorted(given.keys() - Settings.__annotations__.keys() - {"seed"})
     if unknown:
         raise TypeError(f"correspond() got an unexpected keyword argument {unknown[0]!r}")
     values = {
@@ -348,7 +358,7 @@ def run_settings(given: dict[str, Any], n_particles: int, device: str, workers: 
     try:
         return RunSettings.model_validate(values)
     except ValidationError as error:
-        names = {"particles": "n_particles"}
+        names = {"particles": "n_particles", "seed": "random_state", "segment": "label"}
         lines = [
             f"{names.get(str(fault['loc'][-1]), fault['loc'][-1])}={fault['input']!r}: {fault_text(fault)}"
             for fault in error.errors()
@@ -385,7 +395,7 @@ def _correspondence(outcome: OptimizationOutcome, keys: Mapping[str, str]) -> Co
         energies=frozen(outcome.energies, np.float64),
         iterations=outcome.iterations,
         converged=outcome.ended == Reason.CONVERGED,
-        notes=tuple(f"{subject.name}: {note}" for subject in inputs.groomed for note in subject.report.notes),
+        notes=tuple(note_lines({item.name: item.report.notes for item in inputs.groomed})),
         _outcome=outcome,
         _keys=keys,
     )

@@ -1,6 +1,6 @@
-"""Conversion of inputs to a cohort: meshes and label arrays of any library, files, folders."""
+"""Conversion of what users have: meshes, images and tables of any library, files, folders."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -9,18 +9,27 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray
 from homolog.cohort import Cohort, Subject, read_cohort, subject_at, suffix_of
+from homolog.comparison.sample import matched_rows
 from homolog.errors import InputError
 from homolog.grooming.subject import Source
+from homolog.io.nifti import voxels_in_memory
+from homolog.io.polygons import Cells, Polygons, surface_of_cells
 from homolog.io.volumes import Volume
 from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["as_mesh", "cohort_of"]
+__all__ = ["as_mesh", "cohort_of", "column_of", "columns_of"]
 
 _KINDS = (
-    "a path, a TriangleMesh, a trimesh or pyvista mesh, a pair (vertices, faces), a SimpleITK image, a label "
-    "array, or a pair (labels, index_to_world)"
+    "a path, a TriangleMesh, a mesh of trimesh, pyvista, VTK or meshio, a pair (vertices, faces), an image "
+    "of SimpleITK or nibabel, a label array, or a pair (labels, index_to_world)"
 )
+_MESHIO = {
+    "vertex": 1, "line": 3, "line3": 21, "triangle": 5, "triangle6": 22, "quad": 9, "quad8": 23, "quad9": 28,
+    "polygon": 7, "tetra": 10, "tetra10": 24, "hexahedron": 12, "hexahedron20": 25, "hexahedron27": 29,
+    "wedge": 13, "wedge15": 26, "pyramid": 14, "pyramid13": 27,
+}  # fmt: skip
+"""VTK's numbers of meshio's types of cells."""
 
 
 def cohort_of(
@@ -86,14 +95,63 @@ def as_mesh(shape: Any) -> TriangleMesh | None:  # noqa: ANN401 - meshes of any 
         return _checked(shape.vertices, shape.faces)
     if hasattr(shape, "vertices") and hasattr(shape, "faces"):  # trimesh
         return _checked(shape.vertices, shape.faces)
-    if hasattr(shape, "points") and hasattr(shape, "triangulate"):  # pyvista
-        surface = shape.triangulate()
-        return _checked(surface.points, np.asarray(surface.faces).reshape(-1, 4)[:, 1:])
+    if hasattr(shape, "dump") and hasattr(shape, "geometry"):  # a scene of trimesh, as it reads GLB and OBJ
+        return as_mesh(shape.to_mesh())
+    if hasattr(shape, "IsA"):  # VTK, and so pyvista
+        return _of_cells(*_cells_of_vtk(shape))
+    if hasattr(shape, "points") and hasattr(shape, "cells_dict"):  # meshio
+        return _of_cells(*_cells_of_meshio(shape))
     if isinstance(shape, tuple | list) and len(shape) == 2:
         first, second = (np.asarray(part) for part in shape)
         if first.ndim == 2 and second.ndim == 2:
             return _checked(first, second)
     return None
+
+
+def _of_cells(points: Array, cells: Cells, types: Array) -> TriangleMesh:
+    """Return the surface of flat or volume cells, with the vertices that it needs."""
+    try:
+        polygons: Polygons = surface_of_cells(np.asarray(points, np.float64), cells, types)
+        corners, faces = np.unique(polygons.triangles(), return_inverse=True)
+    except ValueError as error:
+        raise InputError(f"is no surface: {error}") from error
+    return _checked(polygons.points[corners], faces.reshape(-1, 3))
+
+
+def _cells_of_vtk(dataset: Any) -> tuple[Array, Cells, Array]:  # noqa: ANN401 - VTK has no types
+    """Return points, cells and types of a vtkPolyData or vtkUnstructuredGrid."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    flat = dataset.IsA("vtkPolyData")
+    if not (flat or dataset.IsA("vtkUnstructuredGrid")) or not dataset.GetPoints():
+        raise InputError(
+            f"{type(dataset).__name__} is no surface with points; extract one, or give an array of labels"
+        )
+    groups = [(dataset.GetPolys(), 7), (dataset.GetStrips(), 6)] if flat else [(dataset.GetCells(), 0)]
+    lists = [
+        Cells.of(vtk_to_numpy(item.GetConnectivityArray()), vtk_to_numpy(item.GetOffsetsArray()))
+        for item, _ in groups
+    ]
+    if flat:
+        kinds = np.repeat([kind for _, kind in groups], [item.GetNumberOfCells() for item, _ in groups])
+    else:
+        kinds = np.asarray([dataset.GetCellType(number) for number in range(dataset.GetNumberOfCells())])
+    return vtk_to_numpy(dataset.GetPoints().GetData()), Cells.joined(lists), kinds
+
+
+def _cells_of_meshio(mesh: Any) -> tuple[Array, Cells, Array]:  # noqa: ANN401 - an optional library
+    """Return points, cells and types of a mesh of meshio; types that it alone knows are refused later."""
+    points = np.asarray(mesh.points, np.float64)
+    if points.shape[1] == 2:
+        raise InputError("is a mesh in a plane; give points with three coordinates")
+    blocks = [Cells.of_lists(np.asarray(block.data).tolist()) for block in mesh.cells]
+    unknown = {block.type for block in mesh.cells} - _MESHIO.keys()
+    if unknown:
+        raise InputError(f"has cells of the types {', '.join(sorted(unknown))}; extract its surface")
+    kinds = np.repeat(
+        [_MESHIO[block.type] for block in mesh.cells], [len(block.data) for block in mesh.cells]
+    )
+    return points, Cells.joined(blocks), kinds
 
 
 def _checked(vertices: Any, faces: Any) -> TriangleMesh:  # noqa: ANN401 - whatever numpy takes as arrays
@@ -119,6 +177,8 @@ def _source(
             raise InputError("the labels of an array have no names; choose one by its value (label)")
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
+    except (TypeError, ValueError) as error:  # such as rows of different lengths
+        raise InputError(f"{name}: {type(shape).__name__} is not a shape; give {_KINDS}") from error
     return Volume(Path(name), [labels], matrix).segmentation(settings.label)
 
 
@@ -134,6 +194,8 @@ def _labels(
         if labels.ndim == 3:
             matrix[:3, :3] = np.reshape(shape.GetDirection(), (3, 3)) * shape.GetSpacing()
             matrix[:3, 3] = shape.GetOrigin()
+    elif hasattr(shape, "dataobj") and hasattr(shape, "affine"):  # nibabel
+        labels, matrix = voxels_in_memory(shape)
     elif isinstance(shape, tuple | list) and len(shape) == 2:
         labels, matrix = np.asarray(shape[0]), np.asarray(shape[1], np.float64)
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
@@ -157,3 +219,40 @@ def _name(shape: object, number: int) -> str:
         return f"shape_{number}"
     path = Path(shape)
     return path.name[: len(path.name) - len(suffix_of(path))] or path.name
+
+
+def columns_of(
+    table: object, names: Sequence[str] | None = None, what: str = "covariates"
+) -> dict[str, Sequence[Any]]:
+    """Return the columns of a pandas DataFrame or mapping; missing values are None.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame or mapping of str to sequence, optional
+        Rows whose index has texts are matched with the names of subjects; others are in their order.
+    names : sequence of str, optional
+        The subjects.
+    what : str
+        The argument, for messages.
+
+    Raises
+    ------
+    InputError
+        If it is something else, or a subject has no row.
+    """
+    if table is None:
+        return {}
+    if not hasattr(table, "keys") or not hasattr(table, "__getitem__") or hasattr(table, "to_frame"):
+        raise InputError(f"{what}: give a DataFrame or a dict of columns, not {type(table).__name__}")
+    return {str(name): column_of(table[name], names, what) for name in table.keys()}  # noqa: SIM118
+
+
+def column_of(values: Any, names: Sequence[str] | None, what: str) -> Sequence[Any]:  # noqa: ANN401
+    """Return a sequence, or the values of a pandas Series in the order of the names, as `columns_of` does."""
+    if isinstance(values, str) or not hasattr(values, "__len__"):
+        raise InputError(f"{what}: give a value for each subject, not {type(values).__name__}")
+    if not hasattr(values, "notna"):
+        return values  # type: ignore[no-any-return]
+    if names is not None and all(isinstance(row, str) for row in values.index):
+        values = values.iloc[matched_rows(names, {}, list(values.index))]
+    return values.astype(object).where(values.notna(), None).tolist()  # type: ignore[no-any-return]

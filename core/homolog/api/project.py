@@ -52,7 +52,7 @@ class Project(HasMeanShape):
     converged : bool
         Whether the run converged; False for models of other programs.
     notes : tuple of str
-        Findings and changes, one line each.
+        Findings and changes, one line for each kind.
 
     Raises
     ------
@@ -81,9 +81,7 @@ class Project(HasMeanShape):
         self.particles, self.aligned, self.alignments = result.local, result.world, result.alignments
         self.settings = self._record.settings
         self.converged = self._record.ended == "converged"
-        self.notes = tuple(
-            f"{subject.name}: {note}" for subject in self._record.subjects for note in subject.notes
-        )
+        self.notes = tuple(filter(None, [self._record.mirrored_text, *self._record.remarks]))
         self._mean_surface, self._smoothing = result.mean_surface, result.smoothing
 
     def __repr__(self) -> str:
@@ -153,6 +151,9 @@ class Project(HasMeanShape):
     def meshes(self) -> tuple[TriangleMesh, ...]:
         """The smoothed surfaces of the particles, each in its own frame; read on first use."""
         return tuple(read_surface(self._folder, subject) for subject in self._record.subjects)
+
+    def _surfaces(self) -> tuple[TriangleMesh, ...]:
+        return self.meshes
 
     @cached_property
     def _mean_shape(self) -> MeanShape:

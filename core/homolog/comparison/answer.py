@@ -3,10 +3,11 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from homolog.arrays import FloatArray, IntArray, frozen
+from homolog.arrays import FloatArray, IntArray, data_frame, frozen, html_of
 from homolog.cohort import outside_notes
 from homolog.cohort.column_types import CATEGORY, plain_name
 from homolog.comparison.question import Question
@@ -106,6 +107,17 @@ class Answer:
     def tables(self) -> Iterable[TextTable]:
         """Tables besides those of all answers."""
         return ()
+
+    def to_dataframe(self) -> Any:  # noqa: ANN401 - pandas is imported when it is needed
+        """Return a `pandas.DataFrame`: the first of the answer's own tables, else that of its particles."""
+        for _, columns, rows in self.tables:
+            cells = zip(*rows, strict=True)
+            return data_frame(dict(zip(columns, cells, strict=True)), range(1, len(rows) + 1), "row")
+        return self.overall.to_dataframe()
+
+    def _repr_html_(self) -> str:
+        """Return the summary that notebooks show."""
+        return html_of(self.question.title, self.to_dataframe(), [*self.further_lines, *self.notes])
 
 
 def ask_groups(sample: Sample, question: Question, tick: Tick = no_tick) -> Answer:

@@ -8,7 +8,7 @@ from homolog.comparison.answer import Answer
 from homolog.comparison.ask import ask
 from homolog.comparison.findings import Finding, answer_text, cautions, findings
 from homolog.comparison.places import SurfaceCarrier, directions_of
-from homolog.comparison.question import Question, questions
+from homolog.comparison.question import Question, alignment_of, questions
 from homolog.comparison.sample import Sample, levels
 from homolog.comparison.seeds import SeedAnswer, answer_by_seed, spread_text, stored_seeds, write_spread
 from homolog.comparison.tables import store
@@ -19,6 +19,7 @@ from homolog.io.results import Result
 from homolog.progress import Tick, no_tick, part_of
 from homolog.statistics.comparison import Comparison
 from homolog.statistics.design import reference_first
+from homolog.statistics.procrustes import Alignment
 
 __all__ = ["StudyAnswer", "analyze_result", "primary_of", "questions_of"]
 
@@ -134,7 +135,8 @@ def primary_of(requested: Sequence[Question], alignment: str | None) -> Question
     """
     if alignment is None or alignment == "none":
         return None
-    own = [question for question in requested if alignment in ("", question.alignment.value)]
+    wanted = [alignment_of(alignment)] if alignment else list(Alignment)
+    own = [question for question in requested if question.alignment in wanted]
     if not own:
         raise InputError(
             f"primary study: {alignment} is not among the compared alignments; add it, or choose one of them"

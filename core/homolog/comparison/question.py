@@ -13,17 +13,17 @@ from homolog.statistics.comparison import Options
 from homolog.statistics.design import Squares, parsed
 from homolog.statistics.procrustes import Alignment
 
-__all__ = ["ALIGNED", "NOUNS", "Question", "questions"]
+__all__ = ["ALIGNED", "NOUNS", "Question", "alignment_of", "questions"]
 
 _FORMER = ("answers", "null_repeats")
 _TYPES = {"I": Squares.SEQUENTIAL, "II": Squares.MARGINAL, "III": Squares.PARTIAL}
 _LONGEST = 90
 ALIGNED = {
     Alignment.AS_IT_LIES: "as the shapes lie",
-    Alignment.RIGID: "form (size and shape)",
-    Alignment.SIMILARITY: "shape (size removed)",
+    Alignment.FORM: "form (size and shape)",
+    Alignment.SHAPE: "shape (size removed)",
 }
-NOUNS = {Alignment.AS_IT_LIES: "form or pose", Alignment.RIGID: "form", Alignment.SIMILARITY: "shape"}
+NOUNS = {Alignment.AS_IT_LIES: "form or pose", Alignment.FORM: "form", Alignment.SHAPE: "shape"}
 """The compared property, by the alignment."""
 
 
@@ -69,7 +69,7 @@ class Question(Precision):
     subject: Annotated[str | None, Field(json_schema_extra={"if_none": "none"})] = None
     strata: Annotated[str | None, Field(json_schema_extra={"if_none": "none"})] = None
     squares: Squares = Squares.MARGINAL
-    alignment: Alignment = Alignment.SIMILARITY
+    alignment: Alignment = Alignment.SHAPE
     complete_cases: bool = False
     earlier: bool = False
 
@@ -82,8 +82,8 @@ class Question(Precision):
         values = {name: value for name, value in values.items() if name not in _FORMER}
         values |= {"squares": _TYPES.get(values["squares"], values["squares"])} if "squares" in values else {}
         if "scaling" in values:
-            alignment = Alignment.SIMILARITY if values.pop("scaling") is True else Alignment.RIGID
-            values = {"alignment": alignment, "earlier": alignment is Alignment.RIGID} | values
+            alignment = Alignment.SHAPE if values.pop("scaling") is True else Alignment.FORM
+            values = {"alignment": alignment, "earlier": alignment is Alignment.FORM} | values
         return values
 
     @property
@@ -147,7 +147,7 @@ class Question(Precision):
         tail = ["complete_cases"] if self.complete_cases else []
         tail += [f"{self.modes}_modes"] if self.modes is not None else []
         tail += [f"seed_{self.seed}"] if self.seed else []
-        tail += {Alignment.AS_IT_LIES: ["as_it_lies"], Alignment.SIMILARITY: ["without_size"]}.get(
+        tail += {Alignment.AS_IT_LIES: ["as_it_lies"], Alignment.SHAPE: ["without_size"]}.get(
             self.alignment, []
         )
         stem, end = (re.sub(r"[^\w.-]+", "_", "_".join(part)) for part in (parts, tail))
@@ -169,6 +169,15 @@ class Question(Precision):
         )
 
 
+def alignment_of(word: str) -> Alignment:
+    """Return an alignment by its name; raises InputError if there is none such."""
+    try:
+        return Alignment(word)
+    except ValueError as error:
+        known = ", ".join(Alignment)
+        raise InputError(f"alignment {word!r}: choose one or several of {known}") from error
+
+
 def questions(alignments: Sequence[str], **given: Any) -> tuple[Question, ...]:  # noqa: ANN401 - checked
     """Return a question for each of several alignments.
 
@@ -184,10 +193,7 @@ def questions(alignments: Sequence[str], **given: Any) -> tuple[Question, ...]: 
     InputError
         If a value is invalid.
     """
-    known = [item.value for item in Alignment]
-    for alignment in alignments:
-        if alignment not in known:
-            raise InputError(f"alignment {alignment!r}: choose one or several of {', '.join(known)}")
+    alignments = [alignment_of(word) for word in alignments]
     if given.get("squares", "II") not in _TYPES:
         raise InputError(f"squares {given['squares']!r}: choose I, II or III")
     if not alignments or len(set(alignments)) < len(alignments):

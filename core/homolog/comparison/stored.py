@@ -201,7 +201,7 @@ def _stored_test(row: Mapping[str, str]) -> StoredTest:
 
 def _topic(question: Question) -> str:
     """Return the name of a question regardless of the alignment."""
-    return question.model_copy(update={"alignment": Alignment.RIGID}).name
+    return question.model_copy(update={"alignment": Alignment.FORM}).name
 
 
 class _Record(NamedTuple):
@@ -228,7 +228,7 @@ def _read(path: Path) -> _Record:
             raise ValueError("contains no question")
         if "question" in content:
             return _Record(
-                Question.model_validate({"alignment": Alignment.RIGID, **content["question"]}),
+                Question.model_validate({"alignment": Alignment.FORM, **content["question"]}),
                 Provenance.model_validate(content.get("answered", {})),
                 content.get("primary") is True,
             )

@@ -235,7 +235,7 @@ def joined(
     if first.aligns:
         images = _images(alignments)
         points = transform_points(images, local if align_by is None else parts[align_by].local)
-        scaling, proper = first.settings.procrustes is Procrustes.SIMILARITY, alignments @ images
+        scaling, proper = first.settings.procrustes is Procrustes.SHAPE, alignments @ images
         alignments = (
             alignments_of_particles(points, proper, proper, first.free_poses, scaling=scaling) @ images
         )

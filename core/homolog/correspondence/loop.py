@@ -102,7 +102,7 @@ class OptimizationLoop:
     ) -> None:
         self.cohort, self.settings, self.initial, self.stages = cohort, settings, initial, stages
         self.shapes, self.alignments = shapes, alignments
-        scales = None if settings.procrustes is Procrustes.SIMILARITY else scale_of(alignments)
+        scales = None if settings.procrustes is Procrustes.SHAPE else scale_of(alignments)
         compared = np.array([shape.alignment for shape in shapes]) if shapes else alignments
         self.log = RunRecorder(compared, scales, cohort.unit, observe, on_checkpoint)
         self.log.tangential_weight = TANGENTIAL_WEIGHT
@@ -425,7 +425,7 @@ class OptimizationLoop:
             local = np.where(self.initial.free[..., None], local, self.initial.local)
         poses, alignments = self.log.aligned(self.poses), self.alignments
         if self.aligns:
-            scaling = self.settings.procrustes is Procrustes.SIMILARITY
+            scaling = self.settings.procrustes is Procrustes.SHAPE
             alignments = alignments_of_particles(local, alignments, poses, self.free_poses, scaling=scaling)
         rotation_matrices = rotation_of(alignments) @ rotation_of(poses).transpose(0, 2, 1)
         return OptimizedParticles(

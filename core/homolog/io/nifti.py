@@ -35,6 +35,7 @@ __all__ = [
     "read_pair",
     "read_pair_scan",
     "stored_values",
+    "voxels_in_memory",
 ]
 
 logger.setLevel(logging.CRITICAL + 1)  # faults that nibabel logs are reported as InputError
@@ -103,6 +104,16 @@ def read_nifti(path: Path) -> Volume:
         values, note = labels_of_channels(path, values)
         notes = (*notes, note)
     return Volume(path, [values], matrix, _named(image.header), notes)
+
+
+def voxels_in_memory(image: Any) -> tuple[Array, FloatArray]:  # noqa: ANN401 - half of nibabel is untyped
+    """Return the voxels of one of nibabel's images, (I, J, K), and the matrix from indices to LPS [mm]."""
+    values = np.asanyarray(image.dataobj)
+    while values.ndim > 3 and values.shape[-1] == 1:
+        values = values[..., 0]
+    units = getattr(image.header, "get_xyzt_units", lambda: ("mm",))()[0]
+    scale = np.diag([*3 * [_UNITS.get(units, 1.0)], 1.0])
+    return values, _TO_LPS @ scale @ np.asarray(image.affine, np.float64)
 
 
 def read_nifti_scan(path: Path, tick: Tick) -> StoredScan:

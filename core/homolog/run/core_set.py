@@ -314,6 +314,6 @@ def _alignments(
     free = np.full(len(local), True)
     free[core] = False
     side = np.where((np.linalg.det(alignments[:, :3, :3]) < 0.0)[:, None, None], MIRROR, np.eye(4))
-    scaling, points = settings.procrustes is Procrustes.SIMILARITY, transform_points(side, local)
+    scaling, points = settings.procrustes is Procrustes.SHAPE, transform_points(side, local)
     begin = align_to_mean(points, alignments @ side, free, scaling=scaling)
     return generalized_procrustes(points, begin, scaling=scaling) @ side

@@ -2,10 +2,12 @@
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 
-from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
+from homolog.arrays import BoolArray, FloatArray, IntArray, data_frame, frozen, html_of
 from homolog.errors import InputError
 from homolog.progress import Tick, part_of
 from homolog.statistics.assumptions import (
@@ -61,7 +63,7 @@ class Options:
         Same seed, same result.
     """
 
-    alignment: Alignment = Alignment.RIGID
+    alignment: Alignment = Alignment.FORM
     modes: int | None = None
     permutations: int = 10_000
     bootstraps: int = 1000
@@ -72,7 +74,7 @@ class Options:
     @property
     def reports_size(self) -> bool:
         """Whether the answer reports size; an answer on shape does not if there are other answers."""
-        return self.answers == 1 or self.alignment is not Alignment.SIMILARITY
+        return self.answers == 1 or self.alignment is not Alignment.SHAPE
 
 
 DEFAULT = Options()
@@ -185,6 +187,26 @@ class Comparison:
             f"Comparison({self.title}, {len(self.subjects)} subjects: {p_text(self.p_adjusted)} of the whole "
             f"shape, {particles} of {len(self.p_fwe)} particles with p_fwe < 0.05)"
         )
+
+    def to_dataframe(self) -> Any:  # noqa: ANN401 - pandas is imported when it is needed
+        """Return a `pandas.DataFrame` with a row for each particle: mean, effect [mm] and p-values."""
+        columns: dict[str, object] = dict(zip("xyz", self.mean.T, strict=True))
+        for number, effect in enumerate(self.pointwise.effect, start=1):
+            several = f"{number}_" if len(self.pointwise.effect) > 1 else ""
+            columns |= {f"effect_{several}{axis}": effect[:, i] for i, axis in enumerate("xyz")}
+        columns |= {"p": self.pointwise.p, "p_fwe": self.p_fwe, "q": self.pointwise.q}
+        return data_frame(columns, range(len(self.mean)), "particle")
+
+    def to_pyvista(self) -> Any:  # noqa: ANN401 - the core does not depend on pyvista
+        """Return the mean particles as `pyvista.PolyData`, with the columns of `to_dataframe` as values."""
+        points = import_module("pyvista").PolyData(self.mean.copy())
+        for name, values in self.to_dataframe().items():
+            points[name] = values.to_numpy()
+        return points
+
+    def _repr_html_(self) -> str:
+        """Return the summary that notebooks show."""
+        return html_of(repr(self), self.to_dataframe(), self.notes)
 
     def renumbered(self, members: IntArray) -> "Comparison":
         """Return the comparison with indices into a larger cohort that contains the compared subjects."""

@@ -15,17 +15,22 @@ class Alignment(StrEnum):
 
     AS_IT_LIES = "as-it-lies"
     """Not aligned further: position, rotation, size and shape are compared together."""
-    RIGID = "rigid"
+    FORM = "form"
     """Position and rotation are removed: size and shape are compared (form)."""
-    SIMILARITY = "similarity"
+    SHAPE = "shape"
     """Position, rotation and size are removed: shape alone is compared."""
+
+    @classmethod
+    def _missing_(cls, value: object) -> "Alignment | None":
+        """Read what projects and scripts of earlier versions say."""
+        return {"rigid": cls.FORM, "similarity": cls.SHAPE}.get(str(value))
 
 
 def aligned(particles: FloatArray, alignment: Alignment) -> FloatArray:
     """Return the particles (M, N, 3) in the alignment of a comparison [mm]."""
     if alignment is Alignment.AS_IT_LIES:
         return particles
-    return align(particles, scaling=alignment is Alignment.SIMILARITY)
+    return align(particles, scaling=alignment is Alignment.SHAPE)
 
 
 def rms_radii(particles: FloatArray) -> FloatArray:

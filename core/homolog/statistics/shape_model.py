@@ -11,7 +11,7 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse.linalg import eigsh
 
-from homolog.arrays import ArrayLike, FloatArray, frozen
+from homolog.arrays import ArrayLike, FloatArray, data_frame, frozen, html_of
 from homolog.errors import InputError
 from homolog.io.arrays import read_arrays, write_arrays
 from homolog.statistics.checks import checked_particles, finite_numbers
@@ -438,6 +438,23 @@ class ShapeModel:
             np.sqrt(count) * model.components_,
             model.explained_variance_ / count,
             model.scores_ / np.sqrt(count),
+        )
+
+    def to_dataframe(self) -> Any:  # noqa: ANN401 - pandas is imported when it is needed
+        """Return a `pandas.DataFrame` with a row for each mode: standard deviation [mm], variance, shares."""
+        shares = self.explained_variance_ratio_
+        columns = {
+            "standard_deviation": self.standard_deviations_,
+            "explained_variance": self.explained_variance_,
+            "explained_variance_ratio": shares,
+            "cumulative": np.cumsum(shares),
+        }
+        return data_frame(columns, range(1, len(shares) + 1), "mode")
+
+    def _repr_html_(self) -> str:
+        """Return the summary that notebooks show."""
+        return (
+            html_of(repr(self), self.to_dataframe()) if self.__sklearn_is_fitted__() else f"<p>{self!r}</p>"
         )
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:

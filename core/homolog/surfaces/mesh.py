@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 
@@ -69,6 +71,10 @@ class TriangleMesh:
     def __reduce__(self) -> tuple[object, ...]:
         """Stay read-only through pickling."""
         return TriangleMesh, (self.vertices, self.faces)
+
+    def to_pyvista(self) -> Any:  # noqa: ANN401 - the core does not depend on pyvista
+        """Return the surface as a `pyvista.PolyData`, to draw it: ``mesh.to_pyvista().plot()``."""
+        return import_module("pyvista").PolyData.from_regular_faces(self.vertices, self.faces)
 
     def stored(self, store: Store) -> "TriangleMesh":
         """Return the surface with its arrays in a store."""

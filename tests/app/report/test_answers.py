@@ -209,7 +209,7 @@ def test_a_subject_that_lies_far_from_all_others_is_named(project, capsys, analy
 def test_pairs_of_groups_are_corrected_and_form_and_shape_do_not_pay_for_each_other(
     project, analyze, rows_of
 ):
-    assert analyze(project, "--alignment", "rigid", "similarity") == 0
+    assert analyze(project, "--alignment", "form", "shape") == 0
     rows = rows_of(project.folder / "analysis" / "groups_group_A_B_C" / "tests.csv")
     assert [row["pairs_corrected_for"] for row in rows] == ["1", "3", "3", "3"]
     assert rows[0]["p_permutation_corrected"] == rows[0]["p_permutation"]
@@ -220,10 +220,10 @@ def test_pairs_of_groups_are_corrected_and_form_and_shape_do_not_pay_for_each_ot
 
 
 def test_tables_say_what_they_are_of_and_what_each_column_holds(project, analyze, rows_of):
-    assert analyze(project, "--between", "A", "C", "--covariates", "age", "--alignment", "rigid") == 0
+    assert analyze(project, "--between", "A", "C", "--covariates", "age", "--alignment", "form") == 0
     folder = project.folder / "analysis" / "groups_group_A_C_for_age"
     (test,) = rows_of(folder / "tests.csv")
-    assert (test["result_fingerprint"], test["alignment"], test["covariates"]) == ("abc", "rigid", "age")
+    assert (test["result_fingerprint"], test["alignment"], test["covariates"]) == ("abc", "form", "age")
     assert test["date"]
     assert test["homolog_version"]
     assert float(test["mahalanobis_d_corrected"]) < float(test["mahalanobis_d_plain"])

@@ -136,7 +136,7 @@ def test_the_primary_study_leads_and_stays_primary_when_it_is_answered_again(pro
     assert analyze(project, "--between", "A", "C") == 0
     assert analyze(project, "--between", "B", "C", "--primary", "as-it-lies") == 2
     for _ in range(2):
-        assert analyze(project, "--between", "B", "C", "--primary", "similarity") == 0
+        assert analyze(project, "--between", "B", "C", "--primary", "shape") == 0
     kept, _ = stored_answers(project)
     assert [stored.is_primary for stored in kept] == [True, False]
     tables = [folder_of(project, stored.question) / "tests.csv" for stored in kept]
@@ -205,7 +205,7 @@ def test_a_question_of_an_earlier_version_is_answered_and_the_change_is_told(pro
     (folder / "study.json").write_text(json.dumps(question))
     ((stored,), _) = stored_answers(project)
     request = stored.question
-    assert (request.alignment, request.earlier) == ("rigid", True)
+    assert (request.alignment, request.earlier) == ("form", True)
     assert folder_of(project, request) == folder
     assert main(["report", str(project.folder), "--progress", "none"]) == 0
     text = (project.folder / "report" / "report.html").read_text(encoding="utf-8")

@@ -40,7 +40,7 @@ def test_regression_and_pairs_are_analyzed(project, capsys, analyze, rows_of):
         (["--covariates", "age", "age"], "'age' is given twice"),
         (["--covariates", "dose"], "'dose' contains numbers, but also '30 y' of subject 3"),
         (["--covariates", "weight"], "'inf' of subject 2 is not finite"),
-        (["--size", "with", "--alignment", "rigid"], "give one of them"),
+        (["--size", "with", "--alignment", "form"], "give one of them"),
     ],
 )
 def test_a_question_that_cannot_be_answered_is_refused_and_not_kept(
@@ -128,7 +128,7 @@ def test_no_answer_overwrites_that_of_another_question(project):
     questions = [
         Question(between=tuple(long)),
         Question(between=(long[0], long[0] + "C")),
-        Question(between=tuple(long), alignment="rigid"),
+        Question(between=tuple(long), alignment="form"),
         Question(between=("a b", "c")),
         Question(between=("a", "b c")),
         Question(kind="pairs", between=("A", "B"), pairs="twin"),

@@ -38,7 +38,7 @@ def ventricles(data, run, tmp_path_factory):
 def compare(window, wait, explore):
     """Return a function that opens a project and compares two of its groups."""
 
-    def tested(project, first, second, alignment="Form: size and shape together (rigid)"):
+    def tested(project, first, second, alignment="Form: size and shape together"):
         page = window.inspector.explore.page
         if window.workspace.session.result is None:
             page = explore(project, "groups")
@@ -223,7 +223,7 @@ def test_an_answer_whose_question_has_changed_is_dimmed_and_says_so(compare, bea
     page.significant.setChecked(False)
     colours = np.ptp(scene.shown[0].colours.astype(int), axis=1).max()
     box = page.form.alignment
-    box.setCurrentText("Size, and shape without it (similarity)")
+    box.setCurrentText("Size, and shape without it")
     box.activated.emit(box.currentIndex())
     assert page.stale.isVisible()
     assert page.answer.graphicsEffect().isEnabled()
@@ -231,7 +231,7 @@ def test_an_answer_whose_question_has_changed_is_dimmed_and_says_so(compare, bea
     assert page.question.text() == "Form (size and shape)."  # what the answer is still about
     assert np.ptp(scene.shown[0].colours.astype(int), axis=1).max() < 0.3 * colours
     assert "the question has changed" in scene.bar.scale.note
-    box.setCurrentText("Form: size and shape together (rigid)")
+    box.setCurrentText("Form: size and shape together")
     box.activated.emit(box.currentIndex())
     assert page.is_current
     assert page.keep.isEnabled()
@@ -319,7 +319,7 @@ def test_all_pairs_of_groups_are_asked_of_shape_and_form_at_once_with_corrected_
 def test_other_questions_asked_of_the_same_result_are_counted(compare, bean_project, window):
     page = compare(bean_project, "slim", "wide")
     assert page.others.text() == ""
-    page = compare(bean_project, "slim", "wide", "Size, and shape without it (similarity)")
+    page = compare(bean_project, "slim", "wide", "Size, and shape without it")
     assert page.others.text() == "p is not corrected for 1 other question asked in this session."
 
 
@@ -340,14 +340,14 @@ def test_pairs_of_subjects_are_compared_as_the_command_line_does(explore, bean_p
     assert offered == ["Subjects are not paired", "Paired by patient"]
     page.form.pairing.setCurrentIndex(1)
     page.form.pairing.activated.emit(1)
-    page.form.alignment.setCurrentText("Form: size and shape together (rigid)")
+    page.form.alignment.setCurrentText("Form: size and shape together")
     assert not page.form.adjust.isVisible()  # pairs are compared without covariates
     window.commands["explore.test"].trigger()
     wait(lambda: bool(page.answers), seconds=300)
     answer, result = page.answers[0], page.answers[0].shape.result
     labels = tuple(member.subject.group for member in session.study.members)
     columns = tuple(changed[name].subject.columns for name in result.names)
-    request = Question(kind="pairs", between=("slim", "wide"), pairs="patient", alignment="rigid")
+    request = Question(kind="pairs", between=("slim", "wide"), pairs="patient", alignment="form")
     expected = ask(Sample.of(replace(result, groups=labels, columns=columns)), request).overall
     assert answer.pair.p_adjusted == expected.p_adjusted
     np.testing.assert_array_equal(answer.pair.p_fwe, expected.p_fwe)

@@ -16,7 +16,7 @@ def answered(bean_project, tmp_path):
 
     folder = tmp_path / "stored" / "answered"
     shutil.copytree(bean_project, folder)
-    request = Question(between=("wide", "slim"), alignment="rigid")
+    request = Question(between=("wide", "slim"), alignment="form")
     write_question(request, folder_of(ProjectFolder(folder), request), Provenance())
     return folder
 

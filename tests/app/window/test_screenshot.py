@@ -118,7 +118,7 @@ def test_an_answer_about_a_number_is_drawn_again(explore, bean_project, window, 
     page = explore(bean_project, "groups")
     page.form.column.setCurrentText("size (as a number)")
     page.form.column.activated.emit(page.form.column.currentIndex())
-    page.form.alignment.setCurrentText("Form: size and shape together (rigid)")
+    page.form.alignment.setCurrentText("Form: size and shape together")
     window.commands["explore.test"].trigger()
     wait(lambda: bool(page.answers), seconds=120)
     page.way.setValue(80)

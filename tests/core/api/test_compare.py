@@ -9,7 +9,7 @@ from homolog.statistics.design import covariate_columns
 from homolog.statistics.studies import compare_two_groups, regress
 
 QUICK = {"permutations": 199}
-FORM = {**QUICK, "alignment": "rigid"}
+FORM = {**QUICK, "alignment": "form"}
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def test_several_groups_are_tested_together_and_each_two_of_them(shapes):
 
 def test_form_and_shape_are_answered_by_default_each_at_its_own_level(shapes):
     form, shape = hl.compare_groups(shapes, GROUPS, ("a", "c"), **QUICK)
-    for result, alignment in ((form, "rigid"), (shape, "similarity")):
+    for result, alignment in ((form, "form"), (shape, "shape")):
         alone = hl.compare_groups(shapes, GROUPS, ("a", "c"), alignment=alignment, **QUICK)
         assert result.p_adjusted == alone.p_adjusted
         np.testing.assert_array_equal(result.p_fwe, alone.p_fwe)
@@ -92,7 +92,7 @@ def test_a_pair_of_groups_may_lack_categories_that_others_have():
     shapes = 10.0 * generator.normal(size=(30, 3)) + generator.normal(size=(18, 30, 3))
     groups, site = 6 * ["a"] + 6 * ["b"] + 6 * ["c"], 6 * ["s2", "s3"] + 3 * ["s1", "s2"]
     covariates = {"site": site}
-    how = {"alignment": "rigid", "modes": 2, "permutations": 99}
+    how = {"alignment": "form", "modes": 2, "permutations": 99}
     pair = hl.compare_groups(shapes, groups, covariates=covariates, **how).pairwise[0]
     alone = hl.compare_groups(shapes[:12], groups[:12], covariates={"site": site[:12]}, **how)
     assert pair.title == alone.title == "b - a"
@@ -113,8 +113,8 @@ def test_a_pair_of_groups_may_lack_categories_that_others_have():
         ({"between": ("a", "z")}, "no subject is in 'z'"),
         ({"between": ("a",)}, "a comparison needs two"),
         ({"covariates": {"age": [1.0]}}, "'age': 1 values for 18"),
-        ({"alignment": "rotated"}, "'rotated': choose one or several of as-it-lies, rigid, similarity"),
-        ({"alignment": ("rigid", "rigid")}, "each once"),
+        ({"alignment": "rotated"}, "'rotated': choose one or several of as-it-lies, form, shape"),
+        ({"alignment": ("form", "form")}, "each once"),
         ({"pairs": [("a", "b")]}, "`between` chooses the groups"),
         ({"pairs": 9 * ["l", "r"]}, "is between two values"),
         ({"pairs": ["l"], "between": ("a", "b")}, "'pairs': 1 values for 18"),
@@ -141,7 +141,7 @@ def test_regressions_are_those_of_the_analysis():
     assert form.p_adjusted == alone.test.p_permutation
     np.testing.assert_array_equal(form.pointwise.effect, alone.pointwise.effect)
     assert shape.title == "age"
-    assert hl.regress(shapes, ages, "age", alignment="rigid", **given).p_adjusted == alone.p_adjusted
+    assert hl.regress(shapes, ages, "age", alignment="form", **given).p_adjusted == alone.p_adjusted
     with pytest.raises(hl.InputError, match="'age': no value for b"):
         hl.regress(shapes, [40.0, np.nan, *ages[2:]], "age", names=list("abcdefghijklmn"))
     with pytest.raises(hl.InputError, match="contains text"):
@@ -191,7 +191,7 @@ def test_a_skewed_size_raises_a_caution(shapes):
     labels = ["a" if index % 3 else "b" for index in range(18)]
     answers = hl.compare_groups(skewed, labels, modes=2, permutations=199)
     assert [any("test of size" in item for item in result.cautions) for result in answers] == [True, True]
-    single = hl.compare_groups(skewed, labels, modes=2, permutations=199, alignment="similarity")
+    single = hl.compare_groups(skewed, labels, modes=2, permutations=199, alignment="shape")
     assert any("test of size" in item for item in single.cautions)
 
 

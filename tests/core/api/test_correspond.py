@@ -227,3 +227,23 @@ def test_settings_that_can_not_be_are_named(ball):
         hl.correspond([ball, ball], 32, alignement="icp")
     with pytest.raises(hl.InputError, match=r"(?s)smoothing=-1\.0: .*n_particles=2: "):
         hl.correspond([ball, ball], 2, smoothing=-1.0)
+
+
+def test_a_result_is_a_table_a_drawing_and_a_page(result):
+    table = result.to_dataframe()
+    assert table.index.to_list() == list(result.names)
+    np.testing.assert_allclose(table["size"], result.sizes)
+    drawn = result.to_pyvista()
+    assert drawn.keys() == list(result.names)
+    np.testing.assert_allclose(
+        drawn[0].points, result.meshes[0].placed(result.alignments[0]).vertices, atol=1e-4
+    )
+    assert all(name in result._repr_html_() for name in result.names[:2])
+
+
+def test_a_structure_is_chosen_by_value_or_name_and_a_random_state_is_a_seed():
+    assert run_settings({"label": "left femur"}, 64, "cpu", 1).groom.segment == "left femur"
+    assert run_settings({"label": 3}, 64, "cpu", 1).groom.label == 3
+    assert run_settings({"random_state": 7}, 64, "cpu", 1).optimize.seed == 7
+    with pytest.raises(hl.InputError, match="random_state="):
+        run_settings({"random_state": "seven"}, 64, "cpu", 1)

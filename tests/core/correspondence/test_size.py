@@ -124,7 +124,7 @@ def test_poses_by_entropy_do_not_depend_on_the_blocks_in_which_many_shapes_are_t
     ("groom", "expected"),
     [
         ({}, Procrustes.FORM),
-        ({"scaling": True}, Procrustes.SIMILARITY),
+        ({"scaling": True}, Procrustes.SHAPE),
         ({"alignment": "none"}, Procrustes.OFF),
         ({"alignment": "center"}, Procrustes.OFF),
         ({"alignment": "axes"}, Procrustes.OFF),

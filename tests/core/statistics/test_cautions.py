@@ -21,7 +21,7 @@ def _shapes(spread, seed=0):
 
 def test_three_groups_of_unequal_dispersion_raise_a_caution_in_the_api():
     shapes = _shapes(np.where(np.array(LABELS) == "a", 2.0, 1.0))
-    result = hl.compare_groups(shapes, LABELS, modes=3, permutations=99, alignment="rigid")
+    result = hl.compare_groups(shapes, LABELS, modes=3, permutations=99, alignment="form")
     assert result.title == "a, b, c"
     assert any("differ in covariance" in caution for caution in result.cautions)
     raised = {

@@ -3,7 +3,7 @@ import pytest
 
 import homolog as hl
 
-QUICK = {"permutations": 199, "alignment": "rigid", "modes": 3}
+QUICK = {"permutations": 199, "alignment": "form", "modes": 3}
 
 
 @pytest.fixture

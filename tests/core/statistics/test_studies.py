@@ -34,7 +34,7 @@ def test_size_is_tested_apart_and_taken_out_of_the_shapes(ellipsoids):
     groups = ["small"] * 10 + ["large"] * 10
     shapes[10:] *= 1.3
     result = compare_two_groups(
-        shapes, groups, ("small", "large"), options=replace(QUICK, alignment=Alignment.SIMILARITY)
+        shapes, groups, ("small", "large"), options=replace(QUICK, alignment=Alignment.SHAPE)
     )
     assert result.size.p == 0.005  # the smallest of 199 permutations
     size = np.sqrt(np.square(shapes - shapes.mean(axis=1, keepdims=True)).sum(axis=2).mean(axis=1))
@@ -60,8 +60,8 @@ def test_pose_size_and_shape_are_compared_as_the_alignment_keeps_them(ellipsoids
 
     kept = {
         Alignment.AS_IT_LIES: (True, True),
-        Alignment.RIGID: (False, True),
-        Alignment.SIMILARITY: (False, False),
+        Alignment.FORM: (False, True),
+        Alignment.SHAPE: (False, False),
     }
     for alignment, expected in kept.items():
         assert (found(shifted, alignment), found(larger, alignment)) == expected, alignment

@@ -29,12 +29,12 @@ _SEEDS = 5
 _MOST_VALUES = 12
 _LONG = 48
 _ALIGNMENTS = {
-    "Size, and shape without it (similarity)": Alignment.SIMILARITY,
-    "Form: size and shape together (rigid)": Alignment.RIGID,
+    "Size, and shape without it": Alignment.SHAPE,
+    "Form: size and shape together": Alignment.FORM,
     "Both: shape and form (two answers)": None,
     "As the shapes lie (not aligned)": Alignment.AS_IT_LIES,
 }
-_BOTH = (Alignment.SIMILARITY, Alignment.RIGID)
+_BOTH = (Alignment.SHAPE, Alignment.FORM)
 _NUMBER, _AS_NUMBER = "number", " (as a number)"
 _FORMULA, _SEVERAL = "formula", "Several columns (formula)"
 
