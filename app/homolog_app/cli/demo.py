@@ -267,9 +267,11 @@ def _beans(out: Path, tick: Tick) -> _Study:
 
     def figures(project: "ProjectFolder") -> _Figures:
         result = read_result(project)
-        found = evaluate(result.local, beans)
-        named = {name: getattr(found, name) for name in found.__dataclass_fields__ if name != "mode_shares"}
-        modes = {f"mode_{number + 1}": found.mode_shares[number] for number in range(3)}
+        measured = evaluate(result.local, beans)
+        named = {
+            name: getattr(measured, name) for name in measured.__dataclass_fields__ if name != "mode_shares"
+        }
+        modes = {f"mode_{number + 1}": measured.mode_shares[number] for number in range(3)}
         return (
             named
             | modes

@@ -32,7 +32,16 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import nearest_particles
 from homolog.surfaces.topology import check_mesh
 
-__all__ = ["Verdict", "Word", "judge", "read_verdict", "refuse_unusable", "write_verdict"]
+__all__ = [
+    "Agreement",
+    "Verdict",
+    "Word",
+    "agreement",
+    "judge",
+    "read_verdict",
+    "refuse_unusable",
+    "write_verdict",
+]
 
 _SEEN = 100
 """Most subjects that are judged; of more, these are drawn at random."""
@@ -108,6 +117,8 @@ class Verdict:
         Least displacement that counts in `description_length`: a hundredth of the spacing [mm].
     description_length : float
         Sum over the modes, in the sense of Davies et al. (2002) [nat].
+    seeds, seeds_spacing : float
+        See `Agreement`; NaN if the model was not placed again.
     """
 
     word: Word
@@ -130,6 +141,8 @@ class Verdict:
     wall: float
     precision: float
     description_length: float
+    seeds: float = np.nan
+    seeds_spacing: float = np.nan
 
     @property
     def is_sound(self) -> bool:
@@ -169,6 +182,10 @@ class Verdict:
             texts.append(
                 f"Landmark error at least {self.landmark:.2g} mm, particles {self.spacing:.2g} mm apart."
             )
+        if np.isfinite(self.seeds):
+            texts.append(
+                f"Another seed differs by {self.seeds:.2g} mm (particles {self.seeds_spacing:.2g} mm apart)."
+            )
         return " ".join(texts)
 
     @property
@@ -189,6 +206,7 @@ class Verdict:
             ("median thickness", _length(self.wall)),
             ("unevenness (0 even, 1 random)", _plain(self.unevenness)),
             ("description length", f"{self.description_length:.1f} nat"),
+            ("difference of another seed", _length(self.seeds)),
         ]
 
 
@@ -196,6 +214,7 @@ def judge(
     particles: ArrayLike,
     surfaces: Sequence[TriangleMesh] | None = None,
     *,
+    again: "Agreement | None" = None,
     seed: int = 0,
     tick: Tick = no_tick,
 ) -> Verdict:
@@ -206,7 +225,8 @@ def judge(
     neighbours better than after permuting each among the subjects. It is doubtful if they don't agree with
     other subjects, if more than half of the variation is not reproducible, if carried particles are off by
     more than half the distance of their neighbours, so that the next one may be meant, or if the surface is
-    covered less evenly than by chance.
+    covered less evenly than by chance, or if particles that another seed placed differ by more than half
+    their distance.
 
     Parameters
     ----------
@@ -214,6 +234,8 @@ def judge(
         Aligned positions of corresponding particles [mm].
     surfaces : sequence of M TriangleMesh, optional
         The subjects' surfaces in the same coordinates.
+    again : Agreement, optional
+        With particles that another seed placed.
     seed : int
         Same seed, same verdict.
     tick : Tick
@@ -256,9 +278,42 @@ def judge(
         **dataclasses.asdict(measured),
         precision=precision,
         description_length=description_length(shapes, precision) if precision > 0.0 else np.nan,
+        **({} if again is None else dataclasses.asdict(again)),
     )
     word, cause, remedy = _word(verdict, *shapes.shape[:2])
     return dataclasses.replace(verdict, word=word, cause=cause, remedy=remedy)
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How well a model agrees with particles that were placed again.
+
+    Attributes
+    ----------
+    seeds : float
+        Mean distance of these particles on other subjects from where the model carries them [mm].
+    seeds_spacing : float
+        Mean distance of neighbours among them [mm].
+    """
+
+    seeds: float
+    seeds_spacing: float
+
+
+def agreement(particles: FloatArray, again: FloatArray) -> Agreement:
+    """Return the agreement of a model's particles (M, N, 3) with others (M, n, 3) on the same subjects [mm].
+
+    The model carries a point from one subject to another by the displacements of its nearest particles there,
+    which a linear fit along the surface predicts, as in the error of a landmark.
+    """
+    distances, spacing = [], []
+    for index, (own, points) in enumerate(zip(particles, again, strict=True)):
+        neighbours = _nearest(own, points, min(_NEIGHBOURS, len(own)))[1]
+        weights = _linear_weights(points, own[neighbours])
+        moved = points + np.einsum("nk,mnkj->mnj", weights, (particles - own)[:, neighbours])
+        distances.append(np.delete(np.linalg.norm(moved - again, axis=2), index, axis=0))
+        spacing.append(_nearest(points, points, min(_RING + 1, len(points)))[0][:, 1:].mean())
+    return Agreement(float(np.mean(distances)), float(np.mean(spacing)))
 
 
 def write_verdict(project: ProjectFolder, verdict: Verdict, world: FloatArray) -> None:
@@ -358,6 +413,12 @@ def _word(numbers: Verdict, subjects: int, particles: int) -> tuple[Word, str, s
             "The error of a landmark exceeds half the distance of neighbouring particles: the next one may "
             f"be meant{_walls(numbers)}.",
             _remedy_of_noise(numbers, particles),
+        )
+    if numbers.seeds > 0.5 * numbers.seeds_spacing:
+        return (
+            Word.DOUBTFUL,
+            "Another seed places particles elsewhere, by more than half their distance.",
+            "Give landmarks, add subjects, or compare the results of several seeds.",
         )
     if subjects < 3:
         return (

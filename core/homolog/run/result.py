@@ -12,7 +12,7 @@ from homolog.cohort import Cohort, sides_of
 from homolog.correspondence import OptimizedParticles, Shape
 from homolog.device import describe_device
 from homolog.grooming import GroomedSubject
-from homolog.inspection.verdict import Verdict, Word, judge, write_verdict
+from homolog.inspection.verdict import Agreement, Verdict, Word, judge, write_verdict
 from homolog.io.meshes import write_mesh
 from homolog.io.names import file_stems
 from homolog.io.particle_array import write_all_particles
@@ -155,6 +155,7 @@ def write_result(
     surface: MeanSurface,
     tick: Tick,
     excluded: Mapping[str, str] | None = None,
+    again: Agreement | None = None,
 ) -> Verdict:
     """Replace the project's last result by the outcome, after those of its structures if there are several.
 
@@ -168,6 +169,8 @@ def write_result(
     tick : Tick
     excluded : mapping of str to str, optional
         Reasons for the exclusion of subjects, by name.
+    again : Agreement, optional
+        With particles that another seed placed.
 
     Returns
     -------
@@ -200,7 +203,7 @@ def write_result(
         verdict = (
             max(verdicts, key=lambda item: order.index(item.word))
             if verdicts
-            else judge(outcome.world, surfaces, tick=part_of(tick, 0.8, 1.0))
+            else judge(outcome.world, surfaces, again=again, tick=part_of(tick, 0.8, 1.0))
         )
         write_verdict(new, verdict, outcome.world)
         write_table(

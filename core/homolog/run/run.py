@@ -22,6 +22,7 @@ from homolog.io.results import Result
 from homolog.memory import Store, in_memory, large_arrays_apart
 from homolog.progress import Tick, no_tick, part_of, run_in_background
 from homolog.registration import check_sides
+from homolog.run.another_seed import agreement_of_seeds
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.run.choose_core import outline
 from homolog.run.control import Control
@@ -248,12 +249,14 @@ class Run:
                     registrations=self.project.registrations,
                 )
                 outcome = self._optimized(self._study, prior)
-            self._control.enter(Phase.MODELING, "principal components")
+            self._control.enter(Phase.MODELING, "another seed")
+            again = None if grows else agreement_of_seeds(outcome, device, self._control.tick)
             model, surface = run_in_background(
                 lambda tick: model_of(outcome, tick), self._control.tick, "principal components"
             )
             self._control.enter(Phase.WRITING, "writing")
-            write_result(self.project, outcome, model, surface, self._control.tick, self._excluded)
+            given = self._control.tick, self._excluded, again
+            write_result(self.project, outcome, model, surface, *given)
             self.project.checkpoint.unlink(missing_ok=True)
             shutil.rmtree(self.project.geodesics, ignore_errors=True)
             shutil.rmtree(self.project.fits, ignore_errors=True)

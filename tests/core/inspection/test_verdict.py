@@ -8,6 +8,7 @@ from scipy.spatial import KDTree
 from homolog.errors import InputError
 from homolog.geometry import transform_points
 from homolog.inspection import Word, judge, read_verdict, refuse_unusable, write_verdict
+from homolog.inspection.verdict import Agreement, agreement
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord
 
@@ -135,3 +136,22 @@ def test_models_that_are_not_usable_are_refused_with_their_reason(shapes, tmp_pa
         refuse_unusable(project, particles)
     write_verdict(project, judge(shapes.particles), shapes.particles)
     refuse_unusable(project, shapes.particles)
+
+
+def test_particles_between_those_of_the_model_agree_with_it_and_exchanged_ones_do_not(shapes):
+    again = 0.5 * (
+        shapes.particles
+        + shapes.particles[:, KDTree(shapes.particles[0]).query(shapes.particles[0], 2)[1][:, 1]]
+    )
+    close = agreement(shapes.particles, again)
+    assert close.seeds < 0.1 * close.seeds_spacing
+    generator = np.random.default_rng(2)
+    far = agreement(shapes.particles, exchanged(exchanged(again, generator), generator))
+    assert far.seeds > 0.4 * far.seeds_spacing
+
+
+def test_a_model_from_which_another_seed_differs_is_doubtful_and_stays_so_when_read(shapes, tmp_path):
+    verdict = judge(shapes.particles, again=Agreement(3.0, 5.0))
+    assert verdict.word is Word.DOUBTFUL
+    assert "seed" in verdict.cause
+    assert judge(shapes.particles, again=Agreement(1.0, 5.0)).word is Word.SOUND
