@@ -12,7 +12,7 @@ import numpy as np
 from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.types import Frame, FrameCallback, InitialParticles, OptimizedParticles, Shape
 from homolog.memory import Store, in_memory
-from homolog.surfaces.mirroring import MIRROR, mirrors
+from homolog.surfaces.mirroring import MIRROR, mirror_image, mirrors
 
 __all__ = ["MirrorImages", "with_mirror_images"]
 
@@ -79,10 +79,7 @@ def with_mirror_images(shapes: Sequence[Shape], store: Store = in_memory) -> Mir
 def _image(shape: Shape) -> Shape:
     marks = shape.landmarks
     return replace(
-        shape,
-        field=shape.field.mirrored,
-        mesh=shape.mesh.placed(MIRROR),
-        coarse_mesh=shape.coarse_mesh.placed(MIRROR),
+        mirror_image(shape),
         alignment=shape.alignment @ MIRROR,
         landmarks=None if marks is None else marks @ MIRROR[:3, :3],
     )

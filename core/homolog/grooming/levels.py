@@ -28,8 +28,10 @@ __all__ = [
     "level_of_voxels",
 ]
 
-PADDING = 6
-"""Nodes between the structure and the border of the grid."""
+NEAR = 4
+"""Nodes from the surface up to which distances are exact (eikonal equation)."""
+PADDING = NEAR + 2
+"""Nodes between the structure and the border of the grid: a cubic interpolation reads two more."""
 MAX_NODES = 2**26
 """Larger grids are refused: they need several gigabytes per subject."""
 AUTOMATIC_NODES = 2**24
@@ -38,8 +40,6 @@ MANY_CROSSED = 1_000_000
 """Largest number of grid edges that the surface crosses, where the spacing is automatic."""
 MANY_NODES = 2_000_000
 """Larger automatic grids are made coarser, as far as the thinnest parts of the structure allow."""
-NEAR = 4
-"""Nodes from the surface up to which distances are exact (eikonal equation)."""
 NODES_ACROSS_VOXELS = 4.0
 """Nodes across a part of a label map that resolve it."""
 SAMPLED_VOXELS = 250_000
@@ -54,8 +54,11 @@ THIN_SHARE = 0.05
 """Share of a mesh's surface whose thickness is not considered: rims are thin on every shape."""
 THIN_NODES = 2**22
 """Largest automatic grid for the thin parts of a mesh."""
-WALL_NODES = 1.8
-"""Least number of nodes across the walls of a mesh; thinner walls are thickened to it."""
+WALL_NODES = float(np.sqrt(3.0))
+"""Nodes across a wall without holes on the grid, in any direction (Andres, Acharya and Sibata 1997).
+
+Thinner walls are made as thick: those of a mesh, and those around a hole between slices.
+"""
 SAMPLED_FACES = 400_000
 """Largest number of faces at which the thickness of a mesh is measured; larger meshes are sampled evenly."""
 RIM_SHARE = 0.01
@@ -66,8 +69,6 @@ STACK_RATIO = 2.001
 Voxels of 0.5 x 0.5 x 1 mm are no stack. The limit is a little above 2, since files round their sizes: all
 subjects of such a cohort are treated alike.
 """
-HOLE_WALL_NODES = 2.0
-"""Nodes across the wall around a hole between slices: thinner walls would be lost on the grid."""
 
 NEGLIGIBLE = 1e-9
 """Largest weight of a distant voxel in a spline that does not count: below the digits of the result."""
@@ -356,7 +357,7 @@ def _from_stack(
     outline = _resampled(stack.outline, *place)
     level = np.maximum(outline, stack.ends)
     if stack.hole is not None:
-        wall = redistanced(outline, reach=NEAR) + HOLE_WALL_NODES
+        wall = redistanced(outline, reach=NEAR) + WALL_NODES
         level = np.maximum(level, -np.maximum(_resampled(stack.hole, *place), wall))
     notes = [f"slices {spacing[2]:g} mm apart were interpolated as outlines"]
     if stack.closed:

@@ -22,7 +22,7 @@ from homolog.settings import OWN, GroomSettings, OwnGrooming, Values
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import coarse_isosurface, isosurface
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.mirroring import MIRROR
+from homolog.surfaces.mirroring import mirror_image
 from homolog.surfaces.topology import euler_number
 from homolog.threads import on_one_thread
 
@@ -47,10 +47,9 @@ Source = Segmentation | TriangleMesh
 """Input of grooming."""
 
 _FEWEST_VOXELS = 8
+"""A cube of two voxels: the least whose centres span a volume."""
 _MUCH_LOST = 0.75
 """Fraction of the voxels' volume; a field that encloses less is computed again on a finer grid."""
-_FULL = 0.75
-"""Fraction of an image; a region that is larger and contains all corners is a background."""
 _POINTER = b"version https://git-lfs"
 _SHORTEST, _LONGEST = 0.5, 3000.0
 """Plausible lengths of a shape [mm]; a shape outside this range is probably in another unit."""
@@ -126,12 +125,7 @@ class GroomedSubject:
     @property
     def mirrored(self) -> "GroomedSubject":
         """The subject's mirror image."""
-        return replace(
-            self,
-            field=self.field.mirrored,
-            mesh=self.mesh.placed(MIRROR),
-            coarse_mesh=self.coarse_mesh.placed(MIRROR),
-        )
+        return mirror_image(self)
 
     def with_notes(self, notes: Sequence[str]) -> "GroomedSubject":
         """Return the subject with further notes in its report."""
@@ -267,9 +261,9 @@ def check_source(source: Source, settings: GroomSettings, what: object) -> Sourc
             f"{what}: has only {count} voxel(s) of the structure, too few for a shape; segment it or leave "
             "the subject out"
         )
-    elif count > _FULL * source.mask.size and source.mask[np.ix_(*[[0, -1]] * 3)].all():
+    elif source.mask[np.ix_(*[[0, -1]] * 3)].all():
         raise InputError(
-            f"{what}: the structure fills its image up to all corners, as if the background were labelled; "
+            f"{what}: the structure reaches all corners of its image, as if the background were labelled; "
             "choose its label, or invert the mask"
         )
     return source

@@ -1,4 +1,7 @@
-"""GIPL volumes (Guy's Image Processing Lab), the usual label maps of SPHARM-PDM."""
+"""GIPL volumes (Guy's Image Processing Lab), the usual label maps of SPHARM-PDM.
+
+SimpleITK allocates what a damaged header claims: up to gigabytes, 0.1 s for each of 3000 such files.
+"""
 
 import gzip
 import struct

@@ -36,12 +36,10 @@ _PASSED = 1 / 3
 Interpolated at a random place, a step by two labels passes the one between in half of all cases, longer steps
 in more. Real layers of one voxel are rare: 0.01 in maps of the brain, 0.2 in thick slices of hearts.
 """
-_MOST_VALUES = 1000
-"""A file with more different values is a picture rather than a label map."""
-_MANY_VALUES = 50
-"""Number of different values from which on differences of neighbours are tested."""
-_MOST_DIFFERENT = 0.5
-"""Least share of neighbouring voxels above 0 that differ in a picture."""
+_FEW_VALUES = 50
+"""Numbers of values that a picture exceeds."""
+_MOST = 0.5
+"""Most neighbouring voxels above 0 are equal in a label map, which has regions, and differ in a picture."""
 _MOST_IN_ONE = 0.85
 """Least share of the voxels in the largest piece if all labels are one structure."""
 _LOOKED_AT = 2_000_000
@@ -273,12 +271,7 @@ def labels_seen(path: Path, values: Array) -> int:
             "map; segment the structure first, name a label, or declare it (values: distance)"
         )
     seen = np.unique(_sample(values))
-    if len(seen) > _MOST_VALUES:
-        raise InputError(
-            f"{path}: contains more than {_MOST_VALUES} different values, so it is a picture rather than a "
-            "label map; segment the structure first, or name a label"
-        )
-    if len(seen) > _MANY_VALUES and _differing(values) > _MOST_DIFFERENT:
+    if len(seen) > _FEW_VALUES and _differing(values) > _MOST:
         raise InputError(
             f"{path}: has {len(seen)} different values, and most neighbours differ, so it is a picture or a "
             "map of probabilities rather than a label map; threshold it first, or name a label"

@@ -1,7 +1,7 @@
 """Left and right subjects in one frame: one side is mirrored, with a note on every mirrored subject."""
 
 import hashlib
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol, Self, TypeVar
@@ -19,7 +19,7 @@ from homolog.settings import OWN, Alignment, GroomSettings, Mirror, OwnGrooming,
 from homolog.surfaces.mirroring import MIRROR, mirrors
 from homolog.threads import on_one_thread
 
-__all__ = ["align_cohort", "check_sides", "copies_of"]
+__all__ = ["align_cohort", "check_sides"]
 
 
 class Sided(Registrable, Protocol):
@@ -95,11 +95,9 @@ def align_cohort(
         return [item.with_notes(notes) for item, notes in zip(groomed, kept[1], strict=True)], kept[0]
     registered, better = _aligned(groomed, plan, settings, given, registrations.candidates, tick)
     remedy = _WRONG_SIDE if sides_of(cohort) else _NO_SIDES
-    copies, all_notes = copies_of(groomed), []
+    all_notes = []
     for item, registered_as in zip(groomed, registered.notes, strict=True):
         notes = [plan.notes[item.name]] if item.name in plan.notes else []
-        if item.name in copies:
-            notes.append(f"has the same surface as {copies[item.name]}; exclude one if they are one subject")
         if item.name in better:
             notes.append(
                 f"fits the others far better {'un' if item.name in plan.mirrored else ''}mirrored{remedy}"
@@ -132,18 +130,6 @@ def _key_of(
         digest.update(np.ascontiguousarray(item.coarse_mesh.vertices).tobytes())
         digest.update(np.ascontiguousarray(item.coarse_mesh.faces).tobytes())
     return digest.hexdigest()
-
-
-def copies_of(groomed: Iterable[Registrable]) -> dict[str, str]:
-    """Return the subjects whose surface is that of an earlier one, and its name."""
-    first: dict[tuple[bytes, bytes], str] = {}
-    copies = {}
-    for item in groomed:
-        mesh = item.coarse_mesh
-        name = first.setdefault((mesh.vertices.tobytes(), mesh.faces.tobytes()), item.name)
-        if name != item.name:
-            copies[item.name] = name
-    return copies
 
 
 _WRONG_SIDE = ": its side may be wrong or missing; enter left or right in a column side of the cohort's table"

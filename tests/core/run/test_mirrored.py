@@ -1,7 +1,6 @@
 """Runs of left and right subjects together."""
 
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from homolog.io.results import read_result, read_surface, read_surfaces
 from homolog.io.shapeworks import read_shapeworks_file
 from homolog.io.shapeworks_export import write_shapeworks
 from homolog.registration import align_cohort
-from homolog.registration.sides import copies_of
 from homolog.run import Run
 from homolog.run.repair import read_inputs, repair_result
 from homolog.settings import GroomSettings, Mirror, OptimizeSettings, RunSettings
@@ -215,13 +213,6 @@ def test_a_cancelled_run_of_both_sides_is_resumed(scans, both, tmp_path):
     assert np.array_equal(np.linalg.det(read_result(project).alignments[:, :3, :3]) < 0.0, LEFT)
     Run(project, project.cohort(), SETTINGS, resume=True).execute()
     assert record_of(project).ended != "cancelled"
-
-
-def test_the_same_subject_under_two_names_is_noted(scans, one_side):
-    cohort = read_cohort(scans / "one")
-    shapes = groom_cohort(cohort, SETTINGS.groom, cache=one_side.groomed)
-    assert copies_of(shapes) == {}
-    assert copies_of([*shapes, replace(shapes[1], name="again")]) == {"again": "b_L"}
 
 
 def test_a_wrong_side_in_the_table_is_noted(scans, both, tmp_path):

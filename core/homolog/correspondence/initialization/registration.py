@@ -369,11 +369,6 @@ def _guess_of_landmarks(
     return maps.apply(targets, LAST_SMOOTHING)
 
 
-def features(vertices: FloatArray, normals: FloatArray, normal_length: float = NORMAL_LENGTH) -> FloatArray:
-    """Return the features for closest points: positions and weighted normals, shape (..., 6)."""
-    return np.concatenate([vertices, normal_length * normals], axis=-1)
-
-
 def shape_distances(
     meshes: Sequence[TriangleMesh], tick: Tick = no_tick, device: str = "cpu"
 ) -> tuple[IntArray, FloatArray]:
