@@ -10,13 +10,17 @@ import nibabel
 import numpy as np
 import pytest
 
+from homolog.errors import Cancelled
 from homolog.io.markups import write_markups
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_result
+from homolog.run import Run
 from homolog_app.cli import main
 
 LONG = ["--anneal-iterations", "600", "--settle-iterations", "5"]
 QUIET = ["--progress", "none", "--no-figures"]
+SHORT = ["--particles", "48", "--alignment", "center", "--mesh-edge", "2", "--split-iterations", "5"]
+SHORT += ["--anneal-iterations", "20", "--settle-iterations", "20"]  # those of the finished run
 
 
 @pytest.fixture
@@ -258,6 +262,26 @@ def test_new_subjects_are_fitted_to_the_result(project, scans, tmp_path, capsys)
     assert "5 subjects x 48 particles" in capsys.readouterr().out
     moved = np.linalg.norm(after.local[4] - before.local[1], axis=1)
     assert np.median(moved) < 1.0  # the same segmentation: particles are 4 mm apart
+
+
+def test_before_all_is_computed_anew_the_fit_of_new_files_alone_is_offered(
+    project, scans, capsys, monkeypatch
+):
+    class Stopped(Run):
+        def execute(self, *_):
+            raise Cancelled
+
+    monkeypatch.setattr("homolog.run.Run", Stopped)
+    new = shutil.copy(scans / "b.nrrd", scans / "e.nrrd")
+    again = ["run", str(scans), "--out", str(project.folder), *SHORT, *QUIET]
+    assert main(again) == 130
+    offer = f"to keep it and only add the 1 new: homolog run {project.folder} --fit {new}\n"
+    assert offer in capsys.readouterr().err
+    for other in (["--smoothing", "0.2"], ["--restart"]):
+        main([*again, *other])
+        said = capsys.readouterr().err
+        assert "will replace the result" in said
+        assert "--fit" not in said
 
 
 def test_a_fit_needs_no_landmarks_as_its_particles_are_those_of_the_result(project, scans, tmp_path):

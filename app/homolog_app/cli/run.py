@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 __all__ = ["add_run", "add_worker", "interrupt_cancels", "run_run", "run_worker"]
 
 
+_SHOWN_FILES = 3
 _LISTED = 12
 """Largest number of structures in a message."""
 
@@ -310,7 +311,7 @@ def _adds_particles(
     """
     if arguments.resume or not project.exists:
         return False
-    from homolog.run import adds_particles
+    from homolog.run import adds_particles, new_subjects
 
     result = project.read().result
     if result is None:
@@ -320,6 +321,14 @@ def _adds_particles(
             f"homolog: this run will replace the result of {len(result.subjects)} subjects x "
             f"{result.particles} particles when it ends; cancel it to keep that result\n"
         )
+        new = new_subjects(result, cohort, settings)
+        if new and not arguments.restart:
+            files = " ".join(quote(str(subject.path)) for subject in new[:_SHOWN_FILES])
+            more = " …" if len(new) > _SHOWN_FILES else ""
+            sys.stderr.write(
+                f"homolog: to keep it and only add the {len(new)} new: homolog run "
+                f"{quote(str(project.folder))} --fit {files}{more}\n"
+            )
         return False
     more = settings.optimize.particles - result.particles
     sys.stderr.write(

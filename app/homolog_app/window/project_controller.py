@@ -70,6 +70,7 @@ class ProjectController(Controller):
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return the handlers of the file commands."""
         return {
+            "run.start": self.start_run,
             "file.new": self._new,
             "file.add": self._add,
             "file.open": self._open,
@@ -81,6 +82,21 @@ class ProjectController(Controller):
             "file.close": self.leave,
             "edit.group": self._group,
         }
+
+    def start_run(self) -> None:
+        """Place the particles; ask first if new subjects could be fitted to the result instead."""
+        session = self._workspace.session
+        possible = session.extension_of if session.is_result_written else None
+        answer = ""
+        if possible is not None and possible.subjects:
+            answer = ask(
+                self._window,
+                "Fit the new subjects to the result, or place all particles from the start?",
+                f"{possible.message} A run from the start replaces the result.",
+                ("Fit new subjects", "From the start", "Cancel"),
+            )
+        if answer != "Cancel":
+            self._workspace.run(from_result=answer == "Fit new subjects")
 
     def show_recent(self) -> None:
         """List the projects opened last on the start page."""

@@ -256,7 +256,6 @@ class Workspace(QObject):
             "edit.remove": session.remove_selected,
             "run.groom": self.groom,
             "run.regroom": self.groom_selected,
-            "run.start": self.run,
             "run.resume": lambda: self.run(resume=True),
             "run.more": lambda: self.run(from_result=True),
             "run.fit": lambda: self.run(from_result=True),

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog.cohort import Cohort
+from homolog.cohort import Cohort, Subject
 from homolog.correspondence import InitialParticles, Shape, initialize_fit
 from homolog.errors import InputError
 from homolog.geometry import fit_similarity, transform_points
@@ -18,7 +18,7 @@ from homolog.run.fingerprints import surface_hash
 from homolog.run.result import CANCELLED
 from homolog.settings import RunSettings
 
-__all__ = ["PriorResult", "adds_particles", "read_prior_result"]
+__all__ = ["PriorResult", "adds_particles", "new_subjects", "read_prior_result"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,6 +123,15 @@ def adds_particles(record: ResultRecord, cohort: Cohort, settings: RunSettings) 
         and same == (record.settings.optimize, record.settings.groom)
         and [subject.name for subject in cohort.subjects] == [subject.name for subject in record.subjects]
     )
+
+
+def new_subjects(record: ResultRecord, cohort: Cohort, settings: RunSettings) -> tuple[Subject, ...]:
+    """Return the subjects of a cohort that can be fitted to a result; none if something else differs."""
+    known = {subject.name for subject in record.subjects}
+    same = (settings.optimize, settings.groom) == (record.settings.optimize, record.settings.groom)
+    if not same or not known <= {subject.name for subject in cohort.subjects}:
+        return ()
+    return tuple(subject for subject in cohort.subjects if subject.name not in known)
 
 
 def read_prior_result(project: ProjectFolder) -> PriorResult:

@@ -50,6 +50,28 @@ def test_new_subjects_are_fitted_and_the_others_keep_their_particles(explored, e
     assert gap.mean() < 1.0  # it is the same shape as b
 
 
+def test_a_run_with_new_subjects_asks_whether_they_be_fitted(
+    explored, ellipsoids, wait, tmp_path, monkeypatch
+):
+    session = explored.workspace.session
+    before, asked = session.result.result, []
+
+    def ask(_, question, details, answers):
+        asked.append((question, details))
+        return answers[-1 if len(asked) == 1 else 0]
+
+    monkeypatch.setattr("homolog_app.window.project_controller.ask", ask)
+    first = next(ellipsoids.glob("b.*"))
+    explored.projects.open_paths([shutil.copy(first, tmp_path / f"newcomer{''.join(first.suffixes)}")])
+    explored.commands["run.start"].trigger()
+    assert not session.job.is_busy, "it was cancelled"
+    assert "newcomer gets the result's particles" in asked[0][1]
+    explored.commands["run.start"].trigger()
+    wait(lambda: not session.job.is_busy)
+    assert session.result.result.names == (*before.names, "newcomer")
+    np.testing.assert_allclose(session.result.result.local[:-1], before.local, atol=1e-9)
+
+
 def test_why_it_is_not_possible_is_said_where_the_button_is(explored, wait):
     panel, session = explored.inspector.correspond, explored.workspace.session
     session.select(["b"])
