@@ -120,8 +120,8 @@ def _free_in_groups() -> Iterator[int]:
             for folder in [inner, *inner.parents][: -len(top.parents)]:
                 with suppress(OSError, ValueError):  # hidden by a container, or without a limit ("max")
                     most, used = (int((folder / name).read_text()) for name in (limit, use))
-                    words = (folder / "memory.stat").read_text().split()
-                    yield most - used + int(words[words.index(cached) + 1])
+                    fields = (folder / "memory.stat").read_text().split()
+                    yield most - used + int(fields[fields.index(cached) + 1])
 
 
 @contextmanager

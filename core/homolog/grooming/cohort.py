@@ -152,13 +152,13 @@ def check_cohort(
     -------
     list of Problem
     """
-    found: dict[str, _Content] = {}
+    contents: dict[str, _Content] = {}
     wrong: dict[str, str] = {}
     most = _MOST_KEPT // max(len(cohort.subjects), 1) if readings is not None else 0
     jobs = {item.name: (item, settings, sources.get(item.name), most) for item in cohort.subjects}
     for name, future in _each_read(executor, jobs, tick):
         try:
-            found[name] = future.result()
+            contents[name] = future.result()
         except InputError as error:
             wrong[name] = str(error)
         except BrokenExecutor:
@@ -167,10 +167,10 @@ def check_cohort(
                 "export it again, or exclude it"
             )
     if readings is not None:
-        readings |= {name: item.reading for name, item in found.items() if name not in sources}
+        readings |= {name: item.reading for name, item in contents.items() if name not in sources}
     problems = [Problem(name, message) for name, message in wrong.items()]
-    problems += _of_other_names({name: item.structure for name, item in found.items() if item.structure})
-    pairs = [name for name, item in found.items() if item.is_pair]
+    problems += _of_other_names({name: item.structure for name, item in contents.items() if item.structure})
+    pairs = [name for name, item in contents.items() if item.is_pair]
     if len(pairs) > 1 and len(pairs) >= _MANY_PAIRS * len(cohort.subjects):
         problems += [Problem(name, f"{name}: {_PAIR}") for name in pairs]
     order = {item.name: index for index, item in enumerate(cohort.subjects)}
@@ -195,8 +195,8 @@ def _each_read(
     while left:
         with worker_processes(1) as alone:
             for name in tuple(left):
-                one = {name: left.pop(name)}
-                ((_, future),) = each_in_workers(alone, _read, one, "checking", part_of(tick, 1.0, 1.0))
+                last = {name: left.pop(name)}
+                ((_, future),) = each_in_workers(alone, _read, last, "checking", part_of(tick, 1.0, 1.0))
                 yield name, future
                 if isinstance(future.exception(), BrokenExecutor):
                     break
