@@ -114,7 +114,7 @@ def _of_cells(points: Array, cells: Cells, types: Array) -> TriangleMesh:
         polygons: Polygons = surface_of_cells(np.asarray(points, np.float64), cells, types)
         corners, faces = np.unique(polygons.triangles(), return_inverse=True)
     except ValueError as error:
-        raise InputError(f"is no surface: {error}") from error
+        raise InputError(f"is not a surface: {error}") from error
     return _checked(polygons.points[corners], faces.reshape(-1, 3))
 
 
@@ -125,7 +125,7 @@ def _cells_of_vtk(dataset: Any) -> tuple[Array, Cells, Array]:  # noqa: ANN401 -
     flat = dataset.IsA("vtkPolyData")
     if not (flat or dataset.IsA("vtkUnstructuredGrid")) or not dataset.GetPoints():
         raise InputError(
-            f"{type(dataset).__name__} is no surface with points; extract one, or give an array of labels"
+            f"{type(dataset).__name__} is not a surface with points; extract one, or give an array of labels"
         )
     groups = [(dataset.GetPolys(), 7), (dataset.GetStrips(), 6)] if flat else [(dataset.GetCells(), 0)]
     lists = [
