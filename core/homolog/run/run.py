@@ -250,7 +250,8 @@ class Run:
                 )
                 outcome = self._optimized(self._study, prior)
             self._control.enter(Phase.MODELING, "another seed")
-            again = None if grows else agreement_of_seeds(outcome, device, self._control.tick)
+            is_plain = "" in groomed and not grows  # several structures are judged one by one
+            again = agreement_of_seeds(outcome, device, self._control.tick) if is_plain else None
             model, surface = run_in_background(
                 lambda tick: model_of(outcome, tick), self._control.tick, "principal components"
             )
