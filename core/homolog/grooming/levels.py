@@ -38,8 +38,11 @@ AUTOMATIC_NODES = 2**24
 """Largest grid where the spacing is automatic."""
 MANY_CROSSED = 1_000_000
 """Largest number of grid edges that the surface crosses, where the spacing is automatic."""
-MANY_NODES = 2_000_000
-"""Larger automatic grids are made coarser, as far as the thinnest parts of the structure allow."""
+MANY_NODES = 2**21
+"""Larger automatic grids are made coarser: those of label maps as far as their thinnest parts allow.
+
+Twice as many nodes bring neither skulls nor mandibles or scapulae nearer to their landmarks and true points.
+"""
 NODES_ACROSS_VOXELS = 4.0
 """Nodes across a part of a label map that resolve it."""
 SAMPLED_VOXELS = 250_000
@@ -52,8 +55,6 @@ NODES_ACROSS_MESH = 2.5
 """Nodes across a thin part of a mesh that resolve it: with fewer its walls get holes."""
 THIN_SHARE = 0.05
 """Share of a mesh's surface whose thickness is not considered: rims are thin on every shape."""
-THIN_NODES = 2**22
-"""Largest automatic grid for the thin parts of a mesh."""
 WALL_NODES = float(np.sqrt(3.0))
 """Nodes across a wall without holes on the grid, in any direction (Andres, Acharya and Sibata 1997).
 
@@ -205,7 +206,7 @@ def _grid_around(
     diagonal = float(np.linalg.norm(high - low))
     step = spacing or float(np.clip(0.75 * mesh.mean_edge, diagonal / 250.0, diagonal / 120.0))
     if not spacing:
-        finest = float(((high - low).prod() / THIN_NODES) ** (1 / 3))
+        finest = float(((high - low).prod() / MANY_NODES) ** (1 / 3))
         step = min(step, max(_thin_part(mesh, step) / NODES_ACROSS_MESH, finest))
     shape, start = _grid(high - low, np.zeros(3), step)
     affine = np.diag([step, step, step, 1.0])

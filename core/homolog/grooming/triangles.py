@@ -198,7 +198,6 @@ def _notes(solid: Solid, touching: BoolArray, dropped: int, share: float) -> tup
         (pieces > 1, f"pieces that touch or overlap were united ({pieces})"),
         (walls > _CRUMBS * len(solid.mesh.faces), f"faces inside the solid were removed ({walls})"),
         (len(ends), f"open ends were closed flat at their rims ({len(ends)}: {widths} mm wide)"),
-        (solid.notches, f"notches and spikes in these rims were closed apart ({solid.notches})"),
         (holes, f"holes with flat rims were closed flat ({holes})"),
         (
             not solid.is_closed,

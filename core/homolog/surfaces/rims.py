@@ -1,7 +1,7 @@
 """Openings of a mesh with a flat rim, and the faces that close them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -9,14 +9,15 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, KDTree, QhullError
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
-from homolog.surfaces.loops import apart, loops, straightened
+from homolog.surfaces.loops import loops
 
 __all__ = ["LOOSE", "Capped", "Finished", "capped", "capped_to_resolution", "sides_of"]
 
 _FLAT = 0.05
-"""Largest distance of a flat rim from its plane, relative to its width."""
-_JAGGED = 0.1
-"""The same if faces were deleted on one side of a plane: such a rim is within a side's length of it."""
+"""Largest distance of a flat rim from its plane, relative to its width, if that is more than a side of it.
+
+Faces that were deleted on one side of a plane leave a rim within a side's length of it.
+"""
 _PARALLEL = 0.98
 """Least cosine between the normals of nested rims in one plane."""
 _CRACK = 1e-4
@@ -34,10 +35,7 @@ _FEW = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rim:
-    """A flat opening: sides (n, 2), their patch, centre, normal, width; whether a fan of faces closes it.
-
-    Notches in its rim are loops (vertices in order) that are closed apart; sides lead straight across them.
-    """
+    """A flat opening: sides (n, 2), their patch, centre, normal, width; whether a fan of faces closes it."""
 
     sides: IntArray
     patch: int
@@ -45,7 +43,6 @@ class _Rim:
     normal: FloatArray
     width: float
     is_fan: bool
-    notches: tuple[IntArray, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,8 +57,6 @@ class Capped:
         Faces of the caps, and the patch of each.
     widths : (R,) float64 array
         Widths of the rims that were closed, without seams at which two patches meet.
-    notches : int
-        Number of notches and spikes in these rims.
     left : (B, 3) int array
         The sides that remain open, and the patch of each, without cracks.
     joined : list of (int, int, bool)
@@ -72,16 +67,12 @@ class Capped:
     caps: IntArray
     patches: IntArray
     widths: FloatArray
-    notches: int
     left: IntArray
     joined: list[tuple[int, int, bool]]
 
 
 def capped(vertices: FloatArray, faces: IntArray, patches: IntArray) -> Capped:
-    """Close the openings with a flat rim; nested rims, as of a cut shell, by a ring.
-
-    Notches in a rim, and spikes, are closed apart, so that the opening itself is closed flat.
-    """
+    """Close the openings with a flat rim; nested rims, as of a cut shell, by a ring."""
     rims, left = _rims(vertices, faces, patches)
     middles: list[FloatArray] = []
     caps: list[IntArray] = [np.empty((0, 3), np.int64)]
@@ -89,12 +80,6 @@ def capped(vertices: FloatArray, faces: IntArray, patches: IntArray) -> Capped:
     joined: list[tuple[int, int, bool]] = []
     alias: dict[int, int] = {}
     outer = _outer_rims(vertices, rims)
-    for rim in rims:
-        for notch in rim.notches:
-            number = len(vertices) + len(middles)
-            middles.append(vertices[notch].mean(axis=0))
-            caps.append(np.column_stack([np.roll(notch, -1), notch, np.full(len(notch), number)]))
-            cap_patches.append(np.full(len(notch), rim.patch))
     for index in np.flatnonzero(outer < 0).tolist():
         rim, holes = rims[index], [rims[hole] for hole in np.flatnonzero(outer == index)]
         if holes:
@@ -118,7 +103,6 @@ def capped(vertices: FloatArray, faces: IntArray, patches: IntArray) -> Capped:
         np.concatenate(caps),
         np.concatenate(cap_patches),
         _widths(vertices, rims),
-        sum(len(rim.notches) for rim in rims),
         left[~_covered(vertices, left[:, :2])],
         joined,
     )
@@ -242,7 +226,6 @@ def _rims(vertices: FloatArray, faces: IntArray, patches: IntArray) -> tuple[lis
             if is_loop or (np.roll(sides[:, 0], -1) == sides[:, 1]).all():
                 whole = members[first[owner] : first[owner + 1]]
                 rim = _flat_rim(vertices, sides, faces, whole, owner)
-                rim = rim or _notched_rim(vertices, sides, faces, whole, owner)
             if rim is not None:
                 rims.append(rim)
             else:
@@ -264,28 +247,14 @@ def _flat_rim(vertices: FloatArray, rim: IntArray, faces: IntArray, own: IntArra
     spokes = vertices[rim] - middle
     across = np.cross(spokes[:, 1], spokes[:, 0])
     area = 0.5 * float(np.linalg.norm(across.sum(axis=0)))
-    lengths = np.linalg.norm(spokes[:, 0] - spokes[:, 1], axis=1)
     normal = across.sum(axis=0) / max(2.0 * area, 1e-300)
     width = 2.0 * float(np.linalg.norm(spokes[:, 0], axis=1).max())
     off = float(np.abs(spokes[:, 0] @ normal).max())
-    most = max(_FLAT * width, min(_JAGGED * width, float(np.median(lengths))))
-    is_flat = off <= most or len(rim) <= 4
+    lengths = np.linalg.norm(spokes[:, 0] - spokes[:, 1], axis=1)
+    is_flat = off <= max(_FLAT * width, float(np.median(lengths)))
     if is_flat and len(own) <= _FEW * len(rim):
         is_flat = bool(np.abs((vertices[faces[own]] - middle) @ normal).max() > _FLAT * width)
     return _Rim(rim, patch, middle, normal, width, bool((across @ normal > 0.0).all())) if is_flat else None
-
-
-def _notched_rim(
-    vertices: FloatArray, rim: IntArray, faces: IntArray, own: IntArray, patch: int
-) -> _Rim | None:
-    """Return a loop of sides as a flat opening with notches, if only notches and spikes are not flat."""
-    loop = rim[loops(rim, np.zeros(len(rim), np.int64))[0], 0]
-    near = straightened(vertices[loop], _FLAT, _JAGGED)
-    if near is None:
-        return None
-    ends = loop[near]
-    flat = _flat_rim(vertices, np.column_stack([ends, np.roll(ends, -1)]), faces, own, patch)
-    return None if flat is None else replace(flat, notches=tuple(apart(loop, near)))
 
 
 def _outer_rims(vertices: FloatArray, rims: Sequence[_Rim]) -> IntArray:

@@ -59,8 +59,6 @@ class Solid:
         Whether every side of a face meets one of another face.
     rims : (R,) float64 array
         Widths of the openings that were closed by flat caps [mm], the widest first.
-    notches : int
-        Number of notches and spikes in these rims, which were closed apart.
     openings : (O,) float64 array
         Widths of the openings that remain [mm], the widest first.
     open_length : float
@@ -77,7 +75,6 @@ class Solid:
     is_cap: BoolArray
     is_closed: bool
     rims: FloatArray
-    notches: int
     openings: FloatArray
     open_length: float
     turned: int
@@ -134,7 +131,6 @@ def solid_of(mesh: TriangleMesh) -> Solid:
         is_cap,
         len(finished.left) == 0,
         np.sort(np.append(closed.widths, finished.widths))[::-1],
-        closed.notches,
         _widths(vertices, finished.left),
         float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum()),
         _count_turned(owners[: len(faces)], turned, unsure & (sides < 0)),
