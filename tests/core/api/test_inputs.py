@@ -53,7 +53,7 @@ def test_vtk_itself_is_read_as_pyvista_is():
 @pytest.mark.parametrize(
     ("shape", "reason"),
     [
-        (pyvista.PolyData(), "no surface with points"),
+        (pyvista.PolyData(), "not a surface with points"),
         (pyvista.ImageData(dimensions=(3, 3, 3)), "ImageData is not a surface"),
         (meshio.Mesh(np.eye(3), [("VTK_LAGRANGE_TRIANGLE", [[0, 1, 2]])]), "VTK_LAGRANGE_TRIANGLE"),
         ([[1.0, 2.0], [3.0], [4.0]], "not a shape; give"),
