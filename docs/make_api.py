@@ -20,13 +20,14 @@ from homolog.statistics.discriminant import Discriminant
 from homolog.statistics.effects import Effect
 from homolog.statistics.mode_test import ModeTest
 from homolog.statistics.pointwise_test import PointwiseTest
+from homolog.statistics.relative_pose import Components, RelativePoses
 
 PAGE = Path(__file__).with_name("api.md")
 
 GROUPS: dict[str, list[Any]] = {
     "Shapes": [hl.read_cohort, hl.Cohort, Subject, hl.read_mesh, hl.write_mesh, hl.TriangleMesh],
     "Correspondence": [hl.correspond, hl.Correspondence, hl.Project],
-    "Shape model": [hl.ShapeModel],
+    "Shape model": [hl.ShapeModel, RelativePoses, Components],
     "Group differences": [
         hl.compare_groups,
         hl.regress,
