@@ -269,8 +269,8 @@ def correspond(
     chosen = run_settings(dict(settings), n_particles, device, workers)
     if chosen.groom.structures is not None:
         raise InputError(
-            "several structures are modelled in a project: homolog run … --structures "
-            f"{chosen.groom.structures}, which Project opens"
+            f"{chosen.groom.structures}: several structures are modelled together in a project: run it from "
+            "the command line or the window, and open it as Project"
         )
     alias = choose_device(device)
     cohort, sources = cohort_of(shapes, voxel_size, chosen.groom)
