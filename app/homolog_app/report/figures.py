@@ -310,7 +310,7 @@ def _map_caption(study: Answer, comparison: Comparison, limit: float, clip: Clip
     }
     return (
         f"{comparison.title}: {what[study.question.kind]}, outward, to ±{limit:g} mm; pale where p > "
-        f"{LEVEL:g} (corrected over the surface), else outlined.{_cut_text(clip)}"
+        f"{LEVEL:g} (corrected), else outlined.{_cut_text(clip)}"
     )
 
 
