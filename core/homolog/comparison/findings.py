@@ -321,8 +321,10 @@ def _place(answer: Answer, comparison: Comparison, place: Place) -> str:
     verb = "change" if step_of(answer, comparison.title)[1] else "differ"
     noun = f"{place.particles} particles"
     likely = f"{place.likely} at a false discovery rate of 5 %"
+    if place.certain <= 1:
+        verb = f"{verb}s"
     if not place.certain:
-        return f"none of {noun} {verb}s (family-wise error 5 %), {likely}."
+        return f"none of {noun} {verb} (family-wise error 5 %), {likely}."
     sentence = (
         f"{place.certain} of {noun} {verb}, {place.percent:.1f} % of the surface (family-wise error 5 %), "
         f"{likely}."
