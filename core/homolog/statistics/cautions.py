@@ -65,7 +65,7 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
     if not numbers:
         return (
             f"covariances change along the design ({p}). The tests of the whole shape, particles and size "
-            "allow for it; T², F and the interval of D do not."
+            "remain valid; T², F and the interval of D do not."
         )
     mean = ", ".join(f"{name} {value:.2f} mm" for name, value in dispersion.by_group.items())
     what = (
@@ -77,7 +77,7 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
     return (
         f"the groups differ in covariance (mean distance to the centroid: {mean}; {p})"
         f"{' and in number of subjects' if uneven else ''}. The tests of the whole shape, particles and size "
-        f"allow for it; {what}"
+        f"remain valid; {what}"
     )
 
 
