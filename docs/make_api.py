@@ -10,6 +10,7 @@ from typing import Any
 import homolog as hl
 from homolog.cohort import Subject
 from homolog.comparison.formula import Differences
+from homolog.comparison.plan import Power, Stability
 from homolog.parameters import parameters
 from homolog.patient import Percentile, Region
 from homolog.settings import GroomSettings, OptimizeSettings
@@ -44,6 +45,7 @@ GROUPS: dict[str, list[Any]] = {
         Discriminant,
     ],
     "Questions to projects, and reports": [hl.analyze, hl.StudyAnswer, hl.report],
+    "Planning": [hl.plan, hl.Plan, Power, Stability],
     "One patient": [
         hl.make_reference,
         hl.Reference,
