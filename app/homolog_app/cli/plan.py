@@ -48,9 +48,9 @@ def add_plan(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type
     parser.add_argument("--power", type=float, default=0.8, help="wanted power (default 0.8)")
     parser.add_argument(
         "--alignment",
-        choices=["rigid", "similarity", "as-it-lies"],
-        default="similarity",
-        help="alignment of the comparison, as in homolog analyze (default similarity)",
+        choices=["form", "shape", "as-it-lies"],
+        default="shape",
+        help="alignment of the comparison, as in homolog analyze (default shape)",
     )
     parser.add_argument(
         "--studies", type=int, default=100, help="simulated studies of each number (default 100)"

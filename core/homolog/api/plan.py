@@ -27,7 +27,7 @@ def plan(
     between: Sequence[str] = (),
     per_group: Sequence[int] = (8, 12, 20, 30, 50, 80),
     power: float = 0.8,
-    alignment: Literal["rigid", "similarity", "as-it-lies"] = "similarity",
+    alignment: Literal["form", "shape", "as-it-lies"] = "shape",
     studies: int = 100,
     permutations: int = 199,
     seed: int = 0,
@@ -53,7 +53,7 @@ def plan(
         Numbers per group for which studies are simulated.
     power : float
         Wanted power.
-    alignment : {"similarity", "rigid", "as-it-lies"}
+    alignment : {"shape", "form", "as-it-lies"}
         Alignment of the comparison.
     studies, permutations : int
         Simulated studies of each number, and randomizations in each.

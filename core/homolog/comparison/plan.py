@@ -90,7 +90,7 @@ class PlanSettings:
     particle: int | None = None
     per_group: tuple[int, ...] = (8, 12, 20, 30, 50, 80)
     power: float = 0.8
-    alignment: Alignment = Alignment.SIMILARITY
+    alignment: Alignment = Alignment.SHAPE
     studies: int = 100
     permutations: int = 199
     seed: int = 0
