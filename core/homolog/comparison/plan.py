@@ -495,14 +495,16 @@ def _directions(pilot: _Pilot, kept: int) -> FloatArray:
     """Return the directions of the leading modes of the residuals (K, 3N), of unit length."""
     directions = principal_components(pilot.residuals.reshape(len(pilot.residuals), -1), divisor=pilot.dof)[1]
     rows = directions[:kept].reshape(min(kept, len(directions)), -1)
-    return rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    unit: FloatArray = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    return unit
 
 
 def _scores(pilot: _Pilot, kept: int) -> FloatArray:
     """Return the scores of the leading modes (K, M), of unit length."""
     rows = pilot.residuals.reshape(len(pilot.residuals), -1)
     scores = principal_components(rows, divisor=pilot.dof)[0][:, :kept].T
-    return scores / np.linalg.norm(scores, axis=1, keepdims=True)
+    unit: FloatArray = scores / np.linalg.norm(scores, axis=1, keepdims=True)
+    return unit
 
 
 def _map(pilot: _Pilot, normals: FloatArray) -> FloatArray | None:
@@ -510,7 +512,8 @@ def _map(pilot: _Pilot, normals: FloatArray) -> FloatArray | None:
     if len(pilot.groups) != 2:
         return None
     first, second = (item.mean(axis=0) for item in _by_group(pilot.shapes, pilot))
-    return np.einsum("ni,ni->n", second - first, normals)
+    difference: FloatArray = np.einsum("ni,ni->n", second - first, normals)
+    return difference
 
 
 def _p(pilot: _Pilot) -> tuple[float, float] | None:
