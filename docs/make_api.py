@@ -10,7 +10,6 @@ from typing import Any
 import homolog as hl
 from homolog.cohort import Subject
 from homolog.comparison.formula import Differences
-from homolog.comparison.plan import Power, Stability
 from homolog.parameters import parameters
 from homolog.patient import Percentile, Region
 from homolog.settings import GroomSettings, OptimizeSettings
@@ -21,14 +20,13 @@ from homolog.statistics.discriminant import Discriminant
 from homolog.statistics.effects import Effect
 from homolog.statistics.mode_test import ModeTest
 from homolog.statistics.pointwise_test import PointwiseTest
-from homolog.statistics.relative_pose import Components, RelativePoses
 
 PAGE = Path(__file__).with_name("api.md")
 
 GROUPS: dict[str, list[Any]] = {
     "Shapes": [hl.read_cohort, hl.Cohort, Subject, hl.read_mesh, hl.write_mesh, hl.TriangleMesh],
     "Correspondence": [hl.correspond, hl.Correspondence, hl.Project],
-    "Shape model": [hl.ShapeModel, RelativePoses, Components],
+    "Shape model": [hl.ShapeModel],
     "Group differences": [
         hl.compare_groups,
         hl.regress,
@@ -45,7 +43,6 @@ GROUPS: dict[str, list[Any]] = {
         Discriminant,
     ],
     "Questions to projects, and reports": [hl.analyze, hl.StudyAnswer, hl.report],
-    "Planning": [hl.plan, hl.Plan, Power, Stability],
     "One patient": [
         hl.make_reference,
         hl.Reference,

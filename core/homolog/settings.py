@@ -19,6 +19,7 @@ __all__ = [
     "GroomSettings",
     "Method",
     "Mirror",
+    "Openings",
     "OptimizeSettings",
     "OwnGrooming",
     "Pieces",
@@ -75,6 +76,14 @@ class Pieces(StrEnum):
 
     LARGEST = "largest"
     ALL = "all"
+
+
+class Openings(StrEnum):
+    """Openings of meshes that are closed."""
+
+    AUTO = "auto"
+    OPEN = "open"
+    CLOSE = "close"
 
 
 class Values(StrEnum):
@@ -193,6 +202,13 @@ class GroomSettings(_Settings):
         Pieces,
         Field(description="Separate pieces: keep the largest, or all, joined by the shortest bridges."),
     ] = Pieces.LARGEST
+    openings: Annotated[
+        Openings,
+        Field(
+            description="Open meshes: close only openings smaller than a particle's part of the surface "
+            "(auto), none (open) or all (close). Particles do not leave an open mesh across its rim."
+        ),
+    ] = Openings.AUTO
     spacing: Annotated[
         float | None,
         Field(
@@ -222,7 +238,7 @@ class GroomSettings(_Settings):
     ] = 3.0
     alignment: Annotated[
         Alignment,
-        Field(description="Rigid alignment: none, centre of mass, principal axes, or closest points (ICP)."),
+        Field(description="Rigid alignment: none, centre of mass, principal axes, or ICP to a medoid shape."),
     ] = Alignment.ICP
     mirror: Annotated[
         Mirror,
@@ -273,7 +289,7 @@ class OwnGrooming(_Settings):
 
     Attributes
     ----------
-    label, segment, values, pieces, spacing, smoothing, tunnels
+    label, segment, values, pieces, openings, spacing, smoothing, tunnels
         As in `GroomSettings`; those that are None are those of the cohort.
     turned : Turn or None
         The shape lies the other way round: it is turned about this axis.
@@ -285,6 +301,7 @@ class OwnGrooming(_Settings):
     segment: str | None = None
     values: Values | None = None
     pieces: Pieces | None = None
+    openings: Openings | None = None
     spacing: float | None = None
     smoothing: float | None = None
     tunnels: float | None = None

@@ -29,6 +29,7 @@ OK, PROGRAM_ERROR, INPUT_ERROR, CANCELLED = 0, 1, 2, 130
 _COMMANDS = {
     "run": ("run", "groom a cohort, place corresponding particles, compute the shape model"),
     "cohort": ("cohort", "write a folder's subjects, files and groups as a table for editing"),
+    "cut": ("cohort", "place a cutting plane on every subject, and write them as a table"),
     "labels": ("project", "list the structures in a cohort's label maps"),
     "batch": ("project", "compute a shape model of each structure of a cohort"),
     "info": ("project", "show what a project contains"),
@@ -37,7 +38,6 @@ _COMMANDS = {
     "sample": ("samples", "generate a sample study with known truth"),
     "beans": ("samples", "generate the paper's coffee-bean cohort"),
     "analyze": ("analysis", "compare groups, regress on a variable, compare pairs"),
-    "plan": ("plan", "plan a study of two groups from a pilot: power, needed numbers, stability"),
     "check": ("analysis", "list places where the correspondence may be wrong, and repair them"),
     "report": ("analysis", "write a report on a project's model and studies (HTML, PDF)"),
     "reference": ("patient", "freeze a project's controls as a reference for single patients"),

@@ -9,15 +9,18 @@ from typing import Any
 from homolog.cohort import Cohort, declared_missing, read_cohort
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
+from homolog_app.cli.options import add_progress_option, show_progress
 
 __all__ = [
     "add_cohort",
     "add_cohort_options",
+    "add_cut",
     "add_missing_option",
     "as_options",
     "cohort_of",
     "read_with_notes",
     "run_cohort",
+    "run_cut",
 ]
 
 
@@ -109,5 +112,78 @@ def run_cohort(arguments: argparse.Namespace) -> int:
     write_cohort(arguments.out, cohort)
     sys.stdout.write(
         f"{count} written to {arguments.out}\nNext: homolog run {quote(str(arguments.out))} --out PROJECT\n"
+    )
+    return 0
+
+
+_ENDS = {
+    name: tuple(sign * float(axis == place) for place in range(3))
+    for (name, sign), axis in zip(
+        (("left", 1), ("right", -1), ("posterior", 1), ("anterior", -1), ("superior", 1), ("inferior", -1)),
+        (0, 0, 1, 1, 2, 2),
+        strict=True,
+    )
+}
+"""Directions in LPS."""
+
+
+def add_cut(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "cut",
+        description="Place a cutting plane on every subject, at corresponding places, and write the subjects "
+        "with their planes (column cut: x y z of a point and of the direction that is kept, in mm, LPS) as a "
+        "table, which can be edited and run: homolog run cohort.csv. Without an option, planes cut off the "
+        "open ends of all subjects where the one that lacks most ends.",
+    )
+    add_cohort_options(parser, "folder of segmentations or meshes, or table")
+    way = parser.add_mutually_exclusive_group()
+    way.add_argument(
+        "--plane",
+        nargs=7,
+        metavar=("SUBJECT", "X", "Y", "Z", "NX", "NY", "NZ"),
+        help="plane of one subject: a point and the direction that is kept; it is carried to the others",
+    )
+    way.add_argument(
+        "--carry", metavar="SUBJECT", help="carry the plane that the table gives a subject to the others"
+    )
+    way.add_argument(
+        "--landmarks", nargs=3, metavar="NAME", help="plane through three landmarks that every subject has"
+    )
+    way.add_argument("--keep", type=float, metavar="MM", help="length kept along the long axis, from one end")
+    parser.add_argument(
+        "--end",
+        choices=tuple(_ENDS),
+        help="end that is kept with --keep; the one far from the rim if not given",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="table to write: cohort.csv")
+    add_progress_option(parser)
+
+
+def run_cut(arguments: argparse.Namespace) -> int:
+    """Write the table with planes; return the exit code."""
+    from homolog.progress import run_in_background
+    from homolog.run.planes import cut_cohort
+    from homolog_app.exports.tables import write_cohort
+
+    cohort = cohort_of(arguments)
+    with show_progress(arguments.progress) as progress:
+        planned = run_in_background(
+            lambda tick: cut_cohort(
+                cohort,
+                tick,
+                plane=arguments.plane and (arguments.plane[0], " ".join(arguments.plane[1:])),
+                carry=arguments.carry,
+                landmarks=arguments.landmarks,
+                keep=arguments.keep,
+                end=arguments.end and _ENDS[arguments.end],
+            ),
+            progress.tick,
+            "cutting planes",
+        )
+    write_cohort(arguments.out, planned)
+    sys.stdout.write(
+        f"planes of {len(planned.subjects)} subjects written to {arguments.out}\n"
+        f"Next: homolog run {quote(str(arguments.out))} --out PROJECT\n"
     )
     return 0

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 
 from homolog.errors import InputError
 from homolog.parameters import Parameter, fault_text, parameters
-from homolog.settings import GroomSettings, RunSettings
+from homolog.settings import GroomSettings, Openings, RunSettings
 
 __all__ = [
     "Progress",
@@ -54,6 +54,14 @@ def add_options(
         if model is GroomSettings and parameter.name == "label":
             how, summary = {"metavar": "LABEL"}, _LABEL_HELP
         group.add_argument(_option(parameter), default=argparse.SUPPRESS, help=summary, **how)
+        for short in (Openings.OPEN, Openings.CLOSE) if parameter.kind is Openings else ():
+            how = {"action": "store_const", "const": short.value, "dest": parameter.name}
+            group.add_argument(
+                f"--{short}",
+                default=argparse.SUPPRESS,
+                help=f"Short for {_option(parameter)} {short}.",
+                **how,
+            )
 
 
 def with_options(settings: _Model, arguments: argparse.Namespace) -> _Model:

@@ -31,7 +31,7 @@ from homolog.statistics.design import reference_first
 from homolog.statistics.procrustes import Alignment
 from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import check_mesh
+from homolog.surfaces.topology import check_surface
 from homolog.threads import cores
 from homolog_app.pictures import write_picture
 from homolog_app.rendering.camera import Clip
@@ -176,8 +176,8 @@ def _answered(
             spread = spread_text(read_spread(folder_of(project, stored.question), record.fingerprint, answer))
         except InputError as error:
             spread = [str(error)]
-        sentences = findings(answer, carrier)
-        studies.append(_Study(len(studies) + 1, answer, sentences, stored.is_primary, " ".join(spread)))
+        located = findings(answer, carrier)
+        studies.append(_Study(len(studies) + 1, answer, located, stored.is_primary, " ".join(spread)))
     return studies, lost
 
 
@@ -363,7 +363,7 @@ def _surfaces(project: ProjectFolder, record: ResultRecord) -> list[TriangleMesh
     for subject in record.subjects:
         try:
             meshes.append(read_surface(project, subject))
-            check_mesh(meshes[-1], subject.name)
+            check_surface(meshes[-1], subject.name)
         except InputError:
             return []
     return meshes

@@ -70,6 +70,8 @@ class _DividedSets(SurfaceSets):
         return SurfaceSet(
             surfaces=None,
             meshes=[mesh for item in sets for mesh in item.meshes],
+            carriers=None,
+            has_rims=any(item.has_rims for item in sets),
             extent=max(item.extent for item in sets),
             sizes=np.concatenate([item.sizes for item in sets]),
             references=[],

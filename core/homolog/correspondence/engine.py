@@ -21,6 +21,7 @@ from homolog.correspondence.schedule import Weights
 from homolog.correspondence.surface_sets import SurfaceSet
 from homolog.geodesics.kernels.lookup import SurfacePoint
 from homolog.geometry import rotation_of
+from homolog.surfaces.closest import closest_faces
 from homolog.surfaces.nearest import nearest_faces
 from homolog.threads import cores, in_threads
 
@@ -78,6 +79,7 @@ class Engine:
     positions: DeviceArray
     means: DeviceArray
     faces: DeviceArray
+    carrier_faces: DeviceArray
     iteration: DeviceArray
     closest: DeviceArray
     normals: DeviceArray
@@ -107,11 +109,12 @@ class Engine:
         self._tie(any_fixed=free is not None)
         self.sampling = Sampling(surface_set, self.layout, launcher)
         self.set_poses(np.tile(np.eye(4), (self.shapes, 1, 1)) if poses is None else poses)
-        self._project(0 if saved is not None else NEWTON_STEPS)
+        self.faces = wp.zeros(self.total, dtype=int, device=launcher.device)
         if saved is not None:
             self._restore(saved)
-        else:
-            self.faces = wp.zeros(self.total, dtype=int, device=launcher.device)
+        self._find_carrier_faces()
+        self._project(0 if saved is not None else NEWTON_STEPS)
+        if saved is None:
             self.find_faces()
             self._take_means()
 
@@ -166,6 +169,15 @@ class Engine:
             self.launch.poll_cancel()
             faces.append(nearest)
         return np.concatenate(faces)
+
+    def _find_carrier_faces(self) -> None:
+        """Find the faces on which the particles of open shapes lie."""
+        if (carriers := self.surface_set.carriers) is not None:
+            faces = np.zeros((self.shapes, self.count), np.int32)
+            for index, (mesh, points) in enumerate(zip(carriers.meshes, self.host_positions(), strict=True)):
+                if mesh is not None:
+                    faces[index] = closest_faces(mesh, points.astype(np.float64))[0]
+            self.carrier_faces = wp.array(faces.ravel(), dtype=int, device=self.launch.device)
 
     def _take_means(self) -> None:
         normals = self.aligned_normals()
@@ -306,6 +318,7 @@ class Engine:
     def set_positions(self, positions: FloatArray) -> None:
         """Set the positions (M, n, 3); free particles are projected onto the surfaces."""
         self.positions.assign(positions.reshape(-1, 3).astype(np.float32))
+        self._find_carrier_faces()
         self._project()
         self.find_faces()
 
@@ -329,6 +342,9 @@ class Engine:
         given += [self.fields, self.opening_fields, *self._caches]
         made = [self.positions, self.normals, self.shape_operators, self.openings]
         self.launch(kernels.project, self.total, [*given, *made])
+        if (carriers := self.surface_set.carriers) is not None:
+            given = [self.count, int(only_free), self.free, carriers.surfaces, self.carrier_faces]
+            self.launch(kernels.project_on_mesh, self.total, [*given, *made[:3]])
 
     def locate(self) -> None:
         """Find the closest point of the mesh for each particle."""

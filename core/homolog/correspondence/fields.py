@@ -16,6 +16,7 @@ from homolog.correspondence.surface_sets import Similarity, on_device
 from homolog.correspondence.types import Shape
 from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick
+from homolog.surfaces.distance_field import DistanceField
 from homolog.threads import cores, in_threads
 
 __all__ = ["field_array", "opening_array", "opening_scale"]
@@ -29,7 +30,7 @@ def field_array(
     *,
     store: Store = in_memory,
 ) -> DeviceArray:
-    """Copy the distance fields to the device as cubic B-spline coefficients.
+    """Copy the distance fields to the device as cubic B-spline coefficients; nothing for open shapes.
 
     Parameters
     ----------
@@ -48,17 +49,20 @@ def field_array(
     -------
     array of fields on the device
     """
-    values = (shape.field.values for shape in shapes)
-    made = (
-        in_threads(_coefficients, values, cores())
+    solid = _fields(shapes)
+    made = iter(
+        in_threads(_coefficients, (field.values for field in solid), cores())
         if wp.get_device(device).is_cpu
-        else coefficients_on(device, [shape.field for shape in shapes])
+        else coefficients_on(device, solid)
     )
     references = []
-    for index, (shape, similarity, coefficients) in enumerate(zip(shapes, to_optimizer, made, strict=True)):
+    for index, (shape, similarity) in enumerate(zip(shapes, to_optimizer, strict=True)):
         tick(index / len(shapes), f"distance field of {shape.name}")
+        if shape.field is None:
+            references.append(FieldData())  # kernels skip fields of scale 0
+            continue
         grid = shape.field.index_to_world
-        references.append(_field_data(coefficients, grid, similarity, similarity.scale, device, store))
+        references.append(_field_data(next(made), grid, similarity, similarity.scale, device, store))
     return _pack(references, device)
 
 
@@ -76,7 +80,7 @@ def opening_array(
 
     Angles are multiplied by the weight and by their standard deviation over a surface [rad], since angles
     that hardly vary contain little information; or by `scale`, if it is given. Nothing is computed if the
-    weight is 0.
+    weight is 0, or a shape is open: the angle is that of a solid.
 
     Parameters
     ----------
@@ -91,7 +95,7 @@ def opening_array(
     -------
     array of fields on the device
     """
-    if weight == 0.0:
+    if weight == 0.0 or not _are_solid(shapes):
         return _pack([FieldData() for _ in shapes], device)  # kernels skip fields of scale 0
     openings = list(_openings(shapes, to_optimizer, device, tick, store))
     scale = weight * float(np.mean([item.spread for item in openings])) if scale is None else scale
@@ -100,6 +104,15 @@ def opening_array(
         for item, similarity in zip(openings, to_optimizer, strict=True)
     ]
     return _pack(references, device)
+
+
+def _are_solid(shapes: Sequence[Shape]) -> bool:
+    return all(shape.field is not None for shape in shapes)
+
+
+def _fields(shapes: Sequence[Shape]) -> list[DistanceField]:
+    """Return the fields of solid shapes."""
+    return [shape.field for shape in shapes if shape.field is not None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,9 +131,9 @@ def _openings(
     tick: Tick,
     store: Store = in_memory,
 ) -> Iterator[_Openings]:
-    def prepared(pair: tuple[Shape, Similarity]) -> _Openings:
-        shape, similarity = pair
-        values, grid = opening_grid(shape.field, BALL_SIZE / similarity.scale)
+    def prepared(item: tuple[Shape, DistanceField, Similarity]) -> _Openings:
+        shape, field, similarity = item
+        values, grid = opening_grid(field, BALL_SIZE / similarity.scale)
         spread = float(openings_at(shape.coarse_mesh.vertices, values, grid).std())
         return _Openings(_coefficients(values), grid.index_to_local, spread)
 
@@ -129,10 +142,10 @@ def _openings(
     if on_gpu:
         sizes = [BALL_SIZE / similarity.scale for similarity in to_optimizer]
         points = [shape.coarse_mesh.vertices for shape in shapes]
-        given = angles_and_coefficients(device, [shape.field for shape in shapes], sizes, points)
+        given = angles_and_coefficients(device, _fields(shapes), sizes, points)
         made = (_Openings(both, grid, float(angles.std())) for angles, both, grid in given)
     else:
-        made = in_threads(prepared, zip(shapes, to_optimizer, strict=True), cores())
+        made = in_threads(prepared, zip(shapes, _fields(shapes), to_optimizer, strict=True), cores())
     for index, (shape, item) in enumerate(zip(shapes, made, strict=True)):
         tick(index / len(shapes), f"opening angles of {shape.name}")
         yield item if on_gpu else replace(item, coefficients=store(item.coefficients))
@@ -146,7 +159,9 @@ def opening_scale(
     *,
     device: str = "cpu",
 ) -> float:
-    """Return the factor of opening angles in `opening_array`."""
+    """Return the factor of opening angles in `opening_array`; 0 if a shape is open."""
+    if not _are_solid(shapes):
+        return 0.0
     spreads = [item.spread for item in _openings(shapes, to_optimizer, device, tick)]
     return weight * float(np.mean(spreads))
 

@@ -146,7 +146,15 @@ class _Surfaces:
             )
             for k, table in zip(solved_shapes, solved, strict=True):
                 tables[k] = table
-        return build_surface_set(meshes, tables, self.to_optimizer, self.device, self.free, store=self.store)
+        return build_surface_set(
+            meshes,
+            tables,
+            self.to_optimizer,
+            self.device,
+            self.free,
+            carriers=[shape.mesh if shape.field is None else None for shape in self.shapes],
+            store=self.store,
+        )
 
 
 @on_one_thread

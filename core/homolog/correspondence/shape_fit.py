@@ -312,8 +312,9 @@ class _FitLoop(OptimizationLoop):
             Term(self._trial.ensemble.weight, self.settings.regularization_end),
             Term(self._trial.normals.weight, NORMALS_ANNEALING[1]),
         )
-        fields, meshes = (self.cohort.fields, self.cohort.opening_fields), self.engine.surface_set.meshes
-        given = self._ensemble, terms, SurfacePoints(*fields, meshes[0])
+        fields, surfaces = (self.cohort.fields, self.cohort.opening_fields), self.engine.surface_set
+        carriers = [None] if surfaces.carriers is None else surfaces.carriers.meshes
+        given = self._ensemble, terms, SurfacePoints(*fields, surfaces.meshes[0], carriers[0])
         tries = search_poses(*given, list(poses), scaling=self.scaling)
         lowest, best = np.inf, (self.engine, self.poses)
         for pose, points in tries[:_MOST_POSES]:

@@ -11,6 +11,7 @@ from homolog.correspondence.kernels import particles as kernels
 from homolog.correspondence.kernels.functions import stencil_cache
 from homolog.correspondence.launcher import load_kernels
 from homolog.geometry import inverse_matrices, rotation_of, transform_points
+from homolog.surfaces.closest import closest_faces
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import NearestPoints
 
@@ -28,12 +29,21 @@ class SurfacePoints:
         Distances and opening angles of the shape, on the CPU.
     mesh : TriangleMesh
         Of the surface, in the optimizer's coordinates.
+    carrier : TriangleMesh or None
+        On which the points of an open shape lie.
     """
 
-    def __init__(self, fields: DeviceArray, opening_fields: DeviceArray, mesh: TriangleMesh) -> None:
+    def __init__(
+        self,
+        fields: DeviceArray,
+        opening_fields: DeviceArray,
+        mesh: TriangleMesh,
+        carrier: TriangleMesh | None = None,
+    ) -> None:
         load_kernels("cpu")  # otherwise each thread would load them
         self._fields, self._opening_fields = fields, opening_fields
         self._vertices, self.area = NearestPoints.of(mesh, NORMAL_LENGTH), mesh.area
+        self._carrier = carrier
         self._own = threading.local()  # poses are searched for in several threads
 
     def nearest(
@@ -66,6 +76,12 @@ class SurfacePoints:
 
     def _projected(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return points on the surface along the field's gradient, their normals and opening angles."""
+        if self._carrier is not None:
+            faces, weights = closest_faces(self._carrier, points)
+            corners = self._carrier.faces[faces]
+            both = (self._carrier.vertices, self._carrier.vertex_normals)
+            places, normals = (np.einsum("nk,nkd->nd", weights, values[corners]) for values in both)
+            return places, normals / np.linalg.norm(normals, axis=1, keepdims=True), np.zeros(len(points))
         own: _Projection | None = getattr(self._own, "projection", None)
         if own is None or own.count != len(points):
             own = self._own.projection = _Projection(self._fields, self._opening_fields, len(points))

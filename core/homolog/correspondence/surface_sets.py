@@ -16,12 +16,13 @@ from homolog.arrays import Array, BoolArray, DeviceArray, FloatArray, IntArray
 from homolog.correspondence.kernels.particles import Surface
 from homolog.correspondence.types import Shape
 from homolog.errors import NumericalError
-from homolog.geodesics import GeodesicTable
+from homolog.geodesics import GeodesicTable, distances_from
 from homolog.geometry import scale_of, transform_points
 from homolog.memory import Store, in_memory
 from homolog.registration.procrustes import rescale
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.sides import MeshSides, batches
+from homolog.surfaces.topology import rim_sides
 from homolog.threads import cores, in_threads
 
 __all__ = [
@@ -61,6 +62,25 @@ class Similarity:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Carriers:
+    """The meshes on which the particles of open shapes lie, in the optimizer's coordinates.
+
+    Attributes
+    ----------
+    surfaces : wp.array of Surface
+        One element a shape, with normals; empty for a shape that has a field.
+    meshes : list of TriangleMesh or None
+        The same on the host.
+    references : list of Surface
+        Keep the arrays of `surfaces` alive.
+    """
+
+    surfaces: DeviceArray
+    meshes: list[TriangleMesh | None]
+    references: list[Surface]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SurfaceSet:
     """All shapes at one level of detail.
 
@@ -70,6 +90,10 @@ class SurfaceSet:
         One element a shape.
     meshes : list of TriangleMesh
         The same meshes on the host, in the optimizer's coordinates.
+    carriers : Carriers or None
+        Fine meshes on which the particles of open shapes lie; None if all have fields.
+    has_rims : bool
+        Whether a mesh has rims.
     extent : float
         Largest absolute coordinate.
     sizes : (M,) array
@@ -80,6 +104,8 @@ class SurfaceSet:
 
     surfaces: DeviceArray
     meshes: list[TriangleMesh]
+    carriers: Carriers | None
+    has_rims: bool
     extent: float
     sizes: FloatArray
     references: list[Surface]
@@ -113,6 +139,7 @@ def build_surface_set(
     device: str,
     free_shapes: BoolArray | None = None,
     *,
+    carriers: Sequence[TriangleMesh | None] = (),
     store: Store = in_memory,
 ) -> SurfaceSet:
     """Copy meshes and tables of all shapes to the device.
@@ -131,6 +158,8 @@ def build_surface_set(
         Warp device.
     free_shapes : (M,) bool array, optional
         Shapes with free particles; all if not given.
+    carriers : sequence of TriangleMesh or None
+        Meshes on which the particles of open shapes lie, None for others; empty if there is none.
     store : Store
         Where meshes lie, and copies for a CPU.
 
@@ -156,8 +185,33 @@ def build_surface_set(
     extent = max(float(np.abs(mesh.vertices).max()) for mesh in transformed_meshes)
     sizes = np.array([surface.size for surface in references])
     return SurfaceSet(
-        wp.array(references, dtype=Surface, device=device), transformed_meshes, extent, sizes, references
+        wp.array(references, dtype=Surface, device=device),
+        transformed_meshes,
+        _carriers(carriers, to_optimizer, device, store) if any(carriers) else None,
+        any(len(surface.rims) > 0 for surface in references if surface.rims is not None),
+        extent,
+        sizes,
+        references,
     )
+
+
+def _carriers(
+    meshes: Sequence[TriangleMesh | None], to_optimizer: Sequence[Similarity], device: str, store: Store
+) -> Carriers:
+    """Copy the meshes on which particles lie to the device, with normals; nothing for other shapes."""
+    references: list[Surface] = []
+    placed: list[TriangleMesh | None] = []
+    for mesh, similarity in zip(meshes, to_optimizer, strict=True):
+        if mesh is None:
+            references.append(Surface())
+            placed.append(None)
+            continue
+        (neighbours,) = face_neighbours([mesh])
+        placed.append(moved := TriangleMesh(similarity.apply(mesh.vertices), mesh.faces))
+        references.append(_surface(moved, neighbours, None, similarity, True, device, store))
+        normals = moved.vertex_normals.astype(np.float32)
+        references[-1].normals = on_device(normals, wp.vec3, device, store)
+    return Carriers(wp.array(references, dtype=Surface, device=device), placed, references)
 
 
 def _surface(
@@ -175,6 +229,9 @@ def _surface(
     surface.vertices = on_device(mesh.vertices.astype(np.float32), wp.vec3, device, store)
     surface.faces = on_device(mesh.faces, wp.vec3i, device, store)
     surface.face_neighbours = on_device(neighbours, wp.vec3i, device, store)
+    if (neighbours < 0).any():
+        rim = np.unique(rim_sides(mesh.faces)[0])
+        surface.rims = on_device(distances_from(mesh, rim.tolist()), wp.float32, device, store)
     if table is not None:
         surface.table = table.on_device(device, similarity.scale)
     return surface
@@ -204,11 +261,11 @@ def morton_ordered(mesh: TriangleMesh) -> TriangleMesh:
 
 
 def face_neighbours(meshes: Sequence[TriangleMesh]) -> Iterator[IntArray]:
-    """Yield for each face of each mesh the faces across the edges opposite to its corners, (F, 3)."""
+    """Yield for each face of each mesh the faces across the edges opposite to its corners; -1 at rims."""
     for batch in batches(len(meshes)):
         sides = MeshSides.of(meshes[batch])
-        if not sides.is_closed.all():
-            raise NumericalError("a mesh for the optimizer is not closed and consistently oriented")
+        if not sides.is_paired.all():
+            raise NumericalError("a mesh for the optimizer is not consistently oriented")
         across = np.roll(sides.twin.reshape(-1, 3) // 3, -1, axis=1)
         for first, end in pairwise(sides.first_face.tolist()):
-            yield across[first:end] - np.int32(first)
+            yield np.where(across[first:end] < 0, -1, across[first:end] - np.int32(first))

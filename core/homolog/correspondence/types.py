@@ -31,10 +31,10 @@ class Shape:
     ----------
     name : str
         The subject's name, for messages.
-    field : DistanceField
-        Implicit surface in local coordinates.
+    field : DistanceField or None
+        Implicit surface in local coordinates; None for an open one, whose particles lie on the mesh.
     mesh, coarse_mesh : TriangleMesh
-        Closed surfaces in local coordinates, of the same topology; the coarse one is for alignment and for
+        Surfaces in local coordinates, of the same topology; the coarse one is for alignment and for
         the first splits, when particles are few.
     alignment : (4, 4) float64 array
         Similarity from local to world coordinates.
@@ -47,7 +47,7 @@ class Shape:
     """
 
     name: str
-    field: DistanceField
+    field: DistanceField | None
     mesh: TriangleMesh
     coarse_mesh: TriangleMesh
     alignment: FloatArray
@@ -64,7 +64,7 @@ class Shape:
         """Return the shape with field and surfaces in a store."""
         return replace(
             self,
-            field=self.field.stored(store),
+            field=self.field and self.field.stored(store),
             mesh=self.mesh.stored(store),
             coarse_mesh=self.coarse_mesh.stored(store),
         )

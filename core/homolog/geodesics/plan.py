@@ -28,7 +28,7 @@ class Task:
     name : str
         Name of the subject, for messages.
     mesh : TriangleMesh
-        A surface that passed `check_mesh`.
+        A surface that passed `check_surface`.
     d_max : float
         Longest distance [mm] that the table keeps.
     max_distance : float
@@ -93,7 +93,7 @@ def plan_tables(
     Raises
     ------
     InputError
-        If `check_mesh` refuses a mesh, d_max is not positive, or the tables would exceed the limit.
+        If `check_surface` refuses a mesh, d_max is not positive, or the tables would exceed the limit.
     """
     labels = [f"mesh {k + 1}" for k in range(len(meshes))] if names is None else names
     limits = np.broadcast_to(np.asarray(d_max, float), len(meshes)).tolist()

@@ -66,7 +66,7 @@ def solve_tables(
     Parameters
     ----------
     meshes : sequence of TriangleMesh
-        Closed surfaces (see `check_mesh`).
+        Surfaces, closed or with rims (see `check_surface`).
     d_max : float or sequence of float
         Longest geodesic distance [mm] to store, for all meshes or for each; inf stores all pairs. Distances
         up to r between arbitrary points need r plus twice the longest edge.
@@ -147,7 +147,9 @@ def each_table(
 def geodesic_distances(
     vertices: ArrayLike, faces: ArrayLike, d_max: float, *, device: str = "auto"
 ) -> csr_array:
-    """Return the geodesic distances between all vertices of a closed triangle mesh up to d_max.
+    """Return the geodesic distances between all vertices of a triangle mesh up to d_max.
+
+    The mesh may have rims, across which no path leads, and pieces, between which there are no distances.
 
     Parameters
     ----------
@@ -169,7 +171,7 @@ def geodesic_distances(
     Raises
     ------
     InputError
-        If the mesh is not one closed manifold surface, d_max is not positive, or the device does not exist.
+        If the mesh is not an oriented manifold, d_max is not positive, or the device does not exist.
 
     References
     ----------

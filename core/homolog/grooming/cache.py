@@ -5,11 +5,13 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from homolog.arrays import Array
 from homolog.errors import InputError
+from homolog.grooming.cuts import text_of
 from homolog.grooming.subject import GroomedSubject, GroomReport
 from homolog.io.arrays import read_arrays
 from homolog.io.atomic import atomic_write
@@ -17,6 +19,7 @@ from homolog.io.images import Segmentation
 from homolog.io.meshes import write_mesh
 from homolog.io.names import file_stems
 from homolog.settings import GroomSettings
+from homolog.surfaces.clipping import Plane
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -35,14 +38,17 @@ _VERSION = "14"
 """Increase this number whenever results of grooming change: older archives are then recomputed."""
 
 
-def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) -> str:
-    """Return hashes of the inputs of a groomed subject: the file's content, and the settings."""
+def content_key(
+    source: Segmentation | TriangleMesh, settings: GroomSettings, planes: Sequence[Plane] = ()
+) -> str:
+    """Return hashes of the inputs of a groomed subject: the file's content, and settings with planes."""
     content, rest = hashlib.sha256(), hashlib.sha256(_VERSION.encode())
     rest.update(
         settings.model_dump_json(
             exclude={"alignment", "mirror", "scaling", "label", "values", "structures"}
         ).encode()
     )
+    rest.update(text_of(planes).encode())
     arrays: tuple[Array, ...]
     if isinstance(source, Segmentation):
         arrays = (source.mask, source.rotation, source.spacing, source.origin)
@@ -103,7 +109,7 @@ def load_groomed(folder: Path, name: str, key: str) -> GroomedSubject | None:
             return None
         return GroomedSubject(
             name=name,
-            field=DistanceField(stored["values"], stored["index_to_world"]),
+            field=DistanceField(stored["values"], stored["index_to_world"]) if "values" in stored else None,
             mesh=_mesh(stored, ""),
             coarse_mesh=_mesh(stored, "coarse_"),
             report=_report(stored),
@@ -173,13 +179,15 @@ def save_groomed(folder: Path, groomed: GroomedSubject, key: str) -> None:
         If the folder can't be written to.
     """
     write_mesh(_file(folder, groomed.name, "vtp"), groomed.mesh)
+    grid: dict[str, Any] = {}
+    if groomed.field is not None:
+        grid = {"values": groomed.field.values, "index_to_world": groomed.field.index_to_world}
     with atomic_write(_file(folder, groomed.name, "npz")) as part, part.open("wb") as stream:
         np.savez(
             stream,
             key=key,
             report=json.dumps(asdict(groomed.report)),
-            values=groomed.field.values,
-            index_to_world=groomed.field.index_to_world,
+            **grid,
             vertices=groomed.mesh.vertices,
             faces=groomed.mesh.faces,
             coarse_vertices=groomed.coarse_mesh.vertices,

@@ -24,6 +24,7 @@ from homolog.grooming.cache import (
     stored_key,
 )
 from homolog.grooming.clean import is_pair
+from homolog.grooming.cuts import check_planes, planes_of
 from homolog.grooming.missing_slices import with_missing_slices
 from homolog.grooming.subject import (
     GroomedSubject,
@@ -209,7 +210,8 @@ def _read(job: _Check) -> _Content:
     source = read_source(subject, settings) if given is None else check_source(given, settings, subject.name)
     if subject.landmarks is not None:
         read_markups(subject.landmarks)
-    reading = Reading(content_key(source, settings)) if most else Reading("")
+    check_planes(subject.name, planes := planes_of(subject), source)
+    reading = Reading(content_key(source, settings, planes)) if most else Reading("")
     if isinstance(source, TriangleMesh):
         kept = source.vertices.nbytes + source.faces.nbytes <= most
         return _Content(replace(reading, source=source if kept else None))
@@ -326,7 +328,11 @@ def groom_cohort(
             jobs = damaged
     ordered = [groomed[subject.name] for subject in cohort.subjects if subject.name in groomed]
     if left_out is not None:
-        sizes = [float(np.cbrt(subject.report.volume_after)) for subject in ordered]
+        is_open = any(subject.report.rims for subject in ordered)
+        sizes = [
+            float(np.sqrt(subject.mesh.area) if is_open else np.cbrt(subject.report.volume_after))
+            for subject in ordered
+        ]
         strange = of_other_units([subject.name for subject in ordered], sizes)
         left_out += [Problem(name, message) for name, message in strange.items()]
         ordered = [subject for subject in ordered if subject.name not in strange]
@@ -335,7 +341,7 @@ def groom_cohort(
 
 def compared(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
     """Return groomed subjects with notes on those whose surfaces differ in kind from most, or occur twice."""
-    return _with_other_handles(_with_other_ends(_with_twins(groomed)))
+    return _with_other_handles(_with_other_rims(_with_other_ends(_with_twins(groomed))))
 
 
 def _with_twins(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
@@ -343,7 +349,7 @@ def _with_twins(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
     by_volume: dict[float, list[GroomedSubject]] = {}
     noted = []
     for subject in groomed:
-        alike = by_volume.setdefault(subject.report.volume_after, [])
+        alike = by_volume.setdefault(subject.report.volume_after or subject.mesh.area, [])
         twin = next((other.name for other in alike if _are_equal(other.mesh, subject.mesh)), None)
         note = f"its surface is identical to that of {twin}; exclude one of them, or correct its file"
         noted.append(subject if twin is None else _with_note(subject, note))
@@ -370,6 +376,18 @@ def _with_other_ends(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
     return [
         _with_note(item, note) if is_flat.get(item.name, is_usual) is not is_usual else item
         for item in groomed
+    ]
+
+
+def _with_other_rims(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
+    """Return the subjects, with a note on each that is open where most are closed, or closed."""
+    is_open = [item.report.rims > 0 for item in groomed]
+    is_usual = 2 * sum(is_open) >= len(groomed)
+    here, usual = ("closed", "stay open") if is_usual else ("open", "are closed")
+    note = f"its surface is {here}, those of most subjects {usual}; repair it, or close or open all meshes"
+    return [
+        item if own is is_usual else _with_note(item, note)
+        for item, own in zip(groomed, is_open, strict=True)
     ]
 
 
@@ -402,8 +420,9 @@ def _groomed(job: _Job) -> tuple[str, GroomedSubject | None]:
     if isinstance(source, _Packed):
         source = source.unpacked()
     source = read_source(subject, settings) if source is None else source
-    key = content_key(source, settings)
-    return key, None if key == known else groom(subject.name, source, settings)
+    planes = planes_of(subject)
+    key = content_key(source, settings, planes)
+    return key, None if key == known else groom(subject.name, source, settings, planes)
 
 
 def _each_groomed(

@@ -9,9 +9,11 @@ import numpy as np
 from homolog.cohort import Subject, column_of
 from homolog.errors import InputError, NumericalError
 from homolog.grooming.clean import cleaned
+from homolog.grooming.cuts import check_planes, kept_part, planes_of
 from homolog.grooming.fields import ENOUGH, SmoothField, distance_field, restored
 from homolog.grooming.levels import AUTOMATIC_NODES, MANY_CROSSED, edges_crossed, level_of_voxels
 from homolog.grooming.missing_slices import with_missing_slices
+from homolog.grooming.sheets import Sheet, sheet_of
 from homolog.grooming.triangles import check_triangles, level_of_triangles, notes_on_groomed
 from homolog.io.images import Segmentation, read_segmentation
 from homolog.io.meshes import read_mesh
@@ -19,11 +21,13 @@ from homolog.io.structures import mask_of
 from homolog.io.volumes import joined_names, union_of
 from homolog.memory import Store
 from homolog.settings import OWN, GroomSettings, OwnGrooming, Values
+from homolog.surfaces.clipping import Plane
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import coarse_isosurface, isosurface
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import mirror_image
-from homolog.surfaces.topology import euler_number
+from homolog.surfaces.simplify import simplified
+from homolog.surfaces.topology import euler_number, face_components
 from homolog.threads import on_one_thread
 
 __all__ = [
@@ -84,6 +88,8 @@ class GroomReport:
         Edges of the input's voxels along the axes of its image [mm]; empty for surfaces.
     ends : tuple of int
         Numbers of wide openings of a mesh that were closed flat at their rims, and by winding number.
+    rims : int
+        Number of openings that stay open; such a surface has no volume.
     """
 
     components_dropped: int
@@ -96,6 +102,7 @@ class GroomReport:
     borders: tuple[tuple[float, float, float], ...] = ()
     voxel: tuple[float, ...] = ()
     ends: tuple[int, int] = (0, 0)
+    rims: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,10 +113,10 @@ class GroomedSubject:
     ----------
     name : str
         The subject's name.
-    field : DistanceField
-        The implicit surface.
+    field : DistanceField or None
+        The implicit surface; None for a mesh that stays open.
     mesh : TriangleMesh
-        Its zero level: a closed manifold of one component.
+        Its zero level: a closed manifold of one component; or the open mesh.
     coarse_mesh : TriangleMesh
         The same surface with about 1500 vertices.
     report : GroomReport
@@ -117,7 +124,7 @@ class GroomedSubject:
     """
 
     name: str
-    field: DistanceField
+    field: DistanceField | None
     mesh: TriangleMesh
     coarse_mesh: TriangleMesh
     report: GroomReport
@@ -135,7 +142,7 @@ class GroomedSubject:
         """Return the subject with field and surfaces in a store."""
         return replace(
             self,
-            field=self.field.stored(store),
+            field=self.field and self.field.stored(store),
             mesh=self.mesh.stored(store),
             coarse_mesh=self.coarse_mesh.stored(store),
         )
@@ -166,7 +173,7 @@ def groom_subject(subject: Subject, settings: GroomSettings) -> GroomedSubject:
         If no closed surface can be computed.
     """
     own = settings_of(subject, settings)
-    return groom(subject.name, read_source(subject, own), own)
+    return groom(subject.name, read_source(subject, own), own, planes_of(subject))
 
 
 def settings_of(subject: Subject, settings: GroomSettings) -> GroomSettings:
@@ -270,7 +277,7 @@ def check_source(source: Source, settings: GroomSettings, what: object) -> Sourc
 
 
 @on_one_thread
-def groom(name: str, source: Source, settings: GroomSettings) -> GroomedSubject:
+def groom(name: str, source: Source, settings: GroomSettings, planes: Sequence[Plane] = ()) -> GroomedSubject:
     """Groom a subject that has been read; see `groom_subject`.
 
     Parameters
@@ -281,18 +288,24 @@ def groom(name: str, source: Source, settings: GroomSettings) -> GroomedSubject:
         Result of `read_source`.
     settings : GroomSettings
         Settings of grooming.
+    planes : sequence of Plane
+        Cutting planes of the subject.
 
     Returns
     -------
     GroomedSubject
     """
+    check_planes(name, planes, source)
     try:
-        return _groomed(name, source, settings)
+        groomed = _groomed(name, source, settings)
+        return _cut(groomed, planes) if planes else groomed
     except (InputError, NumericalError) as error:
         raise type(error)(f"{name}: {error}") from error
 
 
 def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubject:
+    if isinstance(source, TriangleMesh) and (sheet := sheet_of(source, settings)):
+        return _open(name, sheet)
     notes: list[str] = []
     solid = None
     if isinstance(source, Segmentation):
@@ -340,6 +353,39 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
         ends=solid.ends if solid else (0, 0),
     )
     return GroomedSubject(name, field, mesh, coarse_isosurface(field, mesh, COARSE_VERTICES), report)
+
+
+def _cut(groomed: GroomedSubject, planes: Sequence[Plane]) -> GroomedSubject:
+    """Return a subject with the part of its surface that its planes keep."""
+    part = kept_part(groomed.mesh, planes)
+    report = replace(
+        groomed.report,
+        components_dropped=groomed.report.components_dropped + part.pieces_dropped,
+        volume_before=0.0,
+        volume_after=0.0,
+        genus=1 - (euler_number(part.mesh.faces) + part.rims) // 2,
+        notes=(*groomed.report.notes, *part.notes),
+        rims=part.rims,
+    )
+    coarse = simplified(part.mesh, COARSE_VERTICES)
+    return replace(groomed, field=None, mesh=part.mesh, coarse_mesh=coarse, report=report)
+
+
+def _open(name: str, sheet: Sheet) -> GroomedSubject:
+    """Return a subject whose mesh stays open."""
+    mesh = sheet.mesh
+    pieces = int(face_components(mesh.faces).max()) + 1
+    report = GroomReport(
+        components_dropped=sheet.pieces_dropped,
+        holes_filled=sheet.holes_filled,
+        padded=False,
+        volume_before=0.0,
+        volume_after=0.0,
+        genus=pieces - (euler_number(mesh.faces) + sheet.rims) // 2,
+        notes=(*sheet.notes, *_of_other_unit(mesh)),
+        rims=sheet.rims,
+    )
+    return GroomedSubject(name, None, mesh, simplified(mesh, COARSE_VERTICES), report)
 
 
 def _of_other_unit(mesh: TriangleMesh) -> tuple[str, ...]:

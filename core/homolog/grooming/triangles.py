@@ -8,18 +8,15 @@ from scipy import ndimage
 from homolog.arrays import BoolArray, FloatArray
 from homolog.errors import InputError
 from homolog.grooming.levels import Level, level_of_mesh, level_of_solid
-from homolog.settings import GroomSettings, Pieces
+from homolog.grooming.sheets import CRUMBS, KEPT, check_share, chosen_faces
+from homolog.settings import GroomSettings, Openings, Pieces
 from homolog.surfaces.closest import distances_to
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.solid import Solid, clusters, solid_of
-from homolog.surfaces.topology import check_mesh, face_components, without_cavities
+from homolog.surfaces.topology import check_mesh, face_components, rim_sides, without_cavities
 
 __all__ = ["Triangles", "check_triangles", "level_of_triangles", "notes_on_groomed"]
 
-_CRUMBS = 0.05
-"""Fraction of the area; smaller pieces are dropped untested if there is a sound larger one."""
-_KEPT = 0.7
-"""Fraction of the area; if less is kept, the result is another structure."""
 _THICK = 0.5
 """Least thickness in nodes; a solid with less volume than half its surface times this encloses nothing."""
 _THINNEST = 1e-6
@@ -78,11 +75,12 @@ def check_triangles(mesh: TriangleMesh, settings: GroomSettings) -> None:
     """
     corners = mesh.vertices[np.unique(mesh.faces)]
     spread = np.linalg.svd(np.cov((corners - corners.mean(axis=0)).T), compute_uv=False)
-    if spread[2] <= _THINNEST**2 * spread[0]:
+    is_sheet = settings.openings is not Openings.CLOSE and len(rim_sides(mesh.faces)[0]) > 0
+    if spread[2] <= _THINNEST**2 * spread[0] and not is_sheet:
         raise InputError("the mesh is flat and encloses no volume; export the complete surface")
     if settings.pieces is Pieces.LARGEST:
         labels = clusters(mesh)
-        _check_share(_share(mesh.face_areas, labels == 0), int(labels.max()) + 1)
+        check_share(_share(mesh.face_areas, labels == 0), int(labels.max()) + 1)
 
 
 def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles:
@@ -105,9 +103,9 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
         but do not touch.
     """
     pieces = face_components(mesh.faces)
-    largest = _chosen(mesh, pieces == 0)
+    largest = chosen_faces(mesh, pieces == 0)
     crumbs = 1.0 - _share(mesh.face_areas, pieces == 0)
-    may_drop = settings.pieces is Pieces.LARGEST and crumbs <= _CRUMBS
+    may_drop = settings.pieces is Pieces.LARGEST and crumbs <= CRUMBS
     if (may_drop or len(largest.faces) == len(mesh.faces)) and _is_sound(largest):
         level = level_of_mesh(_outward(largest), settings.spacing)
         dropped = int(pieces.max())
@@ -119,7 +117,7 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
         notes = tuple(note for is_true, note in said if is_true)
         return Triangles(level, abs(mesh.volume), dropped, 0, None, largest.area, True, (0, 0), notes)
     labels = clusters(mesh) if settings.pieces is Pieces.LARGEST else np.zeros(len(mesh.faces), np.int64)
-    solid = solid_of(_chosen(mesh, labels == 0))
+    solid = solid_of(chosen_faces(mesh, labels == 0))
     if not solid.bounds.any():
         raise InputError(_NO_VOLUME)
     level = level_of_solid(solid, settings.spacing)
@@ -136,16 +134,16 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
         )
     dropped = int(labels.max()) + apart
     share = _share(mesh.face_areas, labels == 0) * _share(area, touching)
-    if share < _KEPT and not labels.any() and not solid.is_closed:
+    if share < KEPT and not labels.any() and not solid.is_closed:
         raise InputError(
             f"the mesh is open (rims of {solid.open_length:,.0f} mm in all), and only {100.0 * share:.0f} % "
             "of its area encloses one volume; export the complete surface, closed or with small openings"
         )
-    _check_share(share, dropped + 1)
+    check_share(share, dropped + 1)
     notes = _notes(solid, touching, dropped, share)
     used = touching & solid.bounds
     own_area = float(area[used & ~solid.is_cap].sum())
-    surface = _chosen(solid.mesh, used)
+    surface = chosen_faces(solid.mesh, used)
     size = _END * float(np.linalg.norm(np.ptp(solid.mesh.vertices, axis=0)))
     ends = int(np.count_nonzero(solid.rims > size)), int(np.count_nonzero(solid.openings > size))
     filled = len(solid.rims)
@@ -196,7 +194,7 @@ def _notes(solid: Solid, touching: BoolArray, dropped: int, share: float) -> tup
         (solid.dropped, f"faces without area or listed twice were removed ({solid.dropped})"),
         (solid.turned, f"faces of opposite orientation were flipped ({solid.turned})"),
         (pieces > 1, f"pieces that touch or overlap were united ({pieces})"),
-        (walls > _CRUMBS * len(solid.mesh.faces), f"faces inside the solid were removed ({walls})"),
+        (walls > CRUMBS * len(solid.mesh.faces), f"faces inside the solid were removed ({walls})"),
         (len(ends), f"open ends were closed flat at their rims ({len(ends)}: {widths} mm wide)"),
         (holes, f"holes with flat rims were closed flat ({holes})"),
         (
@@ -234,14 +232,6 @@ def _touching(mesh: TriangleMesh, level: Level, inside: BoolArray) -> BoolArray:
     return np.asarray(near[tuple(np.clip(nodes, 0, np.array(inside.shape) - 1).T)])
 
 
-def _check_share(share: float, pieces: int) -> None:
-    if share < _KEPT:
-        raise InputError(
-            f"the mesh is in {pieces} separate pieces, and the largest has only {100.0 * share:.0f} % of the "
-            "area; save the structure as a file of its own, or join its pieces"
-        )
-
-
 def _share(areas: FloatArray, chosen: BoolArray) -> float:
     return float(areas[chosen].sum() / max(float(areas.sum()), 1e-300))
 
@@ -252,14 +242,6 @@ def _is_sound(mesh: TriangleMesh) -> bool:
     except InputError:
         return False
     return True
-
-
-def _chosen(mesh: TriangleMesh, chosen: BoolArray) -> TriangleMesh:
-    """Return the chosen faces with the vertices that they use."""
-    if chosen.all():
-        return mesh
-    used, faces = np.unique(mesh.faces[chosen], return_inverse=True)
-    return TriangleMesh(mesh.vertices[used], faces.reshape(-1, 3))
 
 
 def _outward(mesh: TriangleMesh) -> TriangleMesh:

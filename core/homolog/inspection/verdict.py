@@ -30,7 +30,7 @@ from homolog.statistics.evaluation import (
 from homolog.surfaces.closest import distances_to, thickness
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import nearest_particles
-from homolog.surfaces.topology import check_mesh
+from homolog.surfaces.topology import check_surface
 
 __all__ = [
     "Agreement",
@@ -346,7 +346,7 @@ def read_verdict(project: ProjectFolder, world: FloatArray, tick: Tick = no_tick
 
     def surface(index: int) -> TriangleMesh:
         mesh = read_surface(project, subjects[index])
-        check_mesh(mesh, subjects[index].name)
+        check_surface(mesh, subjects[index].name)
         return mesh.placed(np.array(subjects[index].alignment))
 
     try:

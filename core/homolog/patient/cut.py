@@ -190,6 +190,8 @@ def flat_ends(
     known : sequence of CutEnd
         Ends at the border of the image; the result excludes them.
     """
+    if groomed.field is None:  # an open mesh has no flat ends
+        return []
     tree, areas = KDTree(mesh.vertices), surface.vertex_areas
     here, normals = (
         surface.placed(inverse_matrices(fit.pose)).vertices,
@@ -240,7 +242,7 @@ def _direction(first: FloatArray, normals: FloatArray) -> FloatArray:
 
 def _end(groomed: GroomedSubject, mesh: TriangleMesh, direction: FloatArray) -> CutEnd:
     """Return the end of a surface in a direction."""
-    depth = _CAP_DEPTH * float(np.linalg.norm(groomed.field.index_to_world[:3, 0]))
+    depth = _CAP_DEPTH * (mesh.mean_edge if groomed.field is None else groomed.field.spacing)
     along, slope = mesh.vertices @ direction, mesh.vertex_normals @ direction
     height = float(along.max())
     return CutEnd(direction, height, depth, (slope > _CAP_COSINE) & (along > height - depth))

@@ -20,9 +20,9 @@ _PACKAGES = ("numpy", "scipy", "scikit-image", "SimpleITK", "warp-lang")
 def surface_hash(shape: Shape) -> str:
     """Return a hash of a shape's surface, without its name and alignment."""
     digest = hashlib.blake2b(digest_size=16)
+    field = shape.field
     for array in (
-        shape.field.values,
-        shape.field.index_to_world,
+        *(() if field is None else (field.values, field.index_to_world)),
         *(part for mesh in (shape.mesh, shape.coarse_mesh) for part in (mesh.vertices, mesh.faces)),
     ):
         digest.update(f"{array.shape}{array.dtype}".encode())

@@ -25,7 +25,7 @@ from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.result import OptimizationInput, OptimizationOutcome, add_note, model_of, write_result
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import check_mesh
+from homolog.surfaces.topology import check_surface
 from homolog.threads import cores
 
 __all__ = [
@@ -65,9 +65,6 @@ def inspect_project(
     """
     result, record = read_result(project), project.read().result
     assert record is not None, "a result was read"
-    if record.structures:
-        own = project.structure(record.structures[0].name).folder
-        raise InputError(f"{project.folder}: has several structures; check each alone: {own}")
     meshes = [read_surface(project, subject) for subject in record.subjects]
     if record.ended == IMPORTED:
         _check_surfaces(result.names, meshes)
@@ -84,7 +81,7 @@ def inspect_project(
 def _check_surfaces(names: Sequence[str], meshes: Sequence[TriangleMesh]) -> None:
     for name, mesh in zip(names, meshes, strict=True):
         try:
-            check_mesh(mesh, name)
+            check_surface(mesh, name)
         except InputError as error:
             raise InputError(
                 f"{name}: was imported without a surface, which the check needs; import the model with its "

@@ -39,6 +39,7 @@ def joined_subject(parts: Mapping[str, GroomedSubject]) -> GroomedSubject:
         notes=_joined_notes({name: item.report.notes for name, item in parts.items()}),
         borders=tuple(dict.fromkeys(border for item in reports for border in item.borders)),
         voxel=first.report.voxel,
+        rims=sum(item.rims for item in reports),
     )
     meshes = joined([item.mesh for item in items]), joined([item.coarse_mesh for item in items])
     return GroomedSubject(first.name, first.field, *meshes, report)

@@ -3,12 +3,12 @@
 import numpy as np
 import warp as wp
 
-from homolog.arrays import FloatArray
+from homolog.arrays import FloatArray, IntArray
 from homolog.device import choose_device
 from homolog.surfaces.kernels import distances as kernels
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["closest_points", "distances_to", "on_device", "signed_distances_to", "thickness"]
+__all__ = ["closest_faces", "closest_points", "distances_to", "on_device", "signed_distances_to", "thickness"]
 
 
 def closest_points(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu") -> FloatArray:
@@ -19,6 +19,31 @@ def closest_points(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu
         closest = wp.empty(len(points), dtype=wp.vec3)
         wp.launch(kernels.closest_points, len(points), [surface.id, queries, closest])
         return np.asarray(closest.numpy() + centre, dtype=np.float64)
+
+
+def closest_faces(mesh: TriangleMesh, points: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return where the points of a mesh lie that are closest to some points.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Any triangles.
+    points : (N, 3) array
+        Positions [mm].
+
+    Returns
+    -------
+    (N,) int array
+        The face of each.
+    (N, 3) float64 array
+        Barycentric weights of its corners.
+    """
+    with wp.ScopedDevice("cpu"):
+        surface, centre = on_device(mesh)
+        queries = wp.array((points - centre).astype(np.float32), dtype=wp.vec3)
+        faces, weights = wp.empty(len(points), dtype=wp.int32), wp.empty(len(points), dtype=wp.vec3)
+        wp.launch(kernels.find_closest, len(points), [surface.id, queries, faces, weights])
+    return faces.numpy().astype(np.int64), weights.numpy().astype(np.float64)
 
 
 def distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu") -> FloatArray:

@@ -1,4 +1,4 @@
-"""A closed mesh with topology-preserving edge splits, collapses and flips."""
+"""A mesh with topology-preserving edge splits, collapses and flips."""
 
 import numpy as np
 import warp as wp
@@ -7,6 +7,8 @@ from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import NumericalError
 from homolog.surfaces.kernels import half_edges as kernels
 from homolog.surfaces.kernels.quadrics import add_quadrics
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.topology import rim_numbers, rim_sides
 
 __all__ = ["HalfEdges", "ascending"]
 
@@ -14,14 +16,18 @@ _WEIGHTS = 10  # terms of a quadric
 
 
 class HalfEdges:
-    """A closed mesh as half-edges, each with its twin in the neighbouring face.
+    """A mesh as half-edges, each with its twin in the neighbouring face.
+
+    Beyond each rim lies a fan of faces around a vertex without a place (nan), so that every edge has two
+    faces: what looks at the geometry of such a face finds nothing, and leaves it. For quadrics a wall stands
+    on each edge of a rim, as high as the edge is long, so that the rim counts as the surface does.
 
     Parameters
     ----------
     vertices : (V, 3) float64 array
         Positions [mm].
     faces : (F, 3) int array
-        Faces of a closed, oriented manifold.
+        Faces of an oriented manifold; closed if `longest` is given.
     longest : (V,) float64 array, optional
         Largest edge length around each vertex [mm]. Collapsed edges then become their midpoints; without it,
         the minima of the quadrics.
@@ -36,25 +42,52 @@ class HalfEdges:
     Raises
     ------
     NumericalError
-        If an edge does not have two faces of equal orientation.
+        If an edge has more than two faces, or two of opposite orientation.
     """
 
     def __init__(self, vertices: FloatArray, faces: IntArray, longest: FloatArray | None = None) -> None:
+        n_faces, walls, twins = len(faces), None, _twins(faces)
+        if twins is None and longest is None:
+            rim, owners = rim_sides(faces)
+            walls = rim, faces[owners]
+            apexes = len(vertices) + rim_numbers(rim)
+            faces = np.concatenate([faces, np.column_stack([rim[:, ::-1], apexes])])
+            rows = np.full((int(apexes.max(initial=-1)) + 1 - len(vertices), 3), np.nan)
+            vertices, twins = np.concatenate([vertices, rows]), _twins(faces)
+        if twins is None:
+            raise NumericalError("its surface is open or pinched; use another grid spacing")
         n = len(vertices)
         self.vertices: FloatArray = np.array(vertices, np.float64)
         self.longest: FloatArray = np.full(n, np.inf) if longest is None else longest.copy()
         self._origins: IntArray = np.array(faces, np.int32).ravel()  # start vertex of each side, or -1
-        self._twins = _twins(faces)  # the same edge in the neighbouring face
+        self._twins = twins  # the same edge in the neighbouring face
         self._quadrics = np.zeros((n, _WEIGHTS))
         if longest is None:
             given = [_shared(self._origins), _shared(self.vertices, wp.vec3d), _shared(self._quadrics)]
-            wp.launch(add_quadrics, len(faces), given, device="cpu")
+            wp.launch(add_quadrics, n_faces, given, device="cpu")
+            if walls is not None:
+                self._add_walls(*walls)
+
+    def _add_walls(self, rim: IntArray, faces: IntArray) -> None:
+        """Add the squared distance to a wall on each side of a rim, times the square of the side's length."""
+        a, b, c = (self.vertices[faces[:, corner]] for corner in range(3))
+        along = self.vertices[rim[:, 1]] - self.vertices[rim[:, 0]]
+        outward = np.cross(along, np.cross(b - a, c - a))
+        outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-300)
+        offset = -(outward * self.vertices[rim[:, 0]]).sum(axis=1)
+        (x, y, z), squared = outward.T, (along**2).sum(axis=1)
+        products = [x * x, x * y, x * z, y * y, y * z, z * z]
+        products += [x * offset, y * offset, z * offset, offset * offset]
+        terms = squared[:, None] * np.stack(products, axis=1)
+        for ends in rim.T:
+            np.add.at(self._quadrics, ends, terms)
 
     @property
-    def faces(self) -> IntArray:
-        """Remaining faces, (F, 3)."""
+    def mesh(self) -> TriangleMesh:
+        """The mesh of the remaining faces; all vertices must be in use (see `compact`)."""
+        n = int(np.count_nonzero(~np.isnan(self.vertices[:, 0])))
         faces = self._origins.reshape(-1, 3)
-        return faces[faces[:, 0] >= 0]
+        return TriangleMesh(self.vertices[:n], faces[(faces[:, 0] >= 0) & (faces.max(axis=1) < n)])
 
     def costs(self) -> tuple[IntArray, FloatArray]:
         """Return one side of each remaining edge, (E,), and the cost of its collapse, (E,)."""
@@ -145,17 +178,18 @@ def _shared(array: Array, dtype: object = None) -> wp.array:
     return wp.array(array, dtype=dtype or wp.dtype_from_numpy(array.dtype), device="cpu", copy=False)
 
 
-def _twins(faces: IntArray) -> IntArray:
+def _twins(faces: IntArray) -> IntArray | None:
+    """Return the opposite of each side; None unless there is one of each."""
     start = faces.ravel().astype(np.int64)
     end = np.roll(faces, -1, axis=1).ravel().astype(np.int64)
     count = int(faces.max()) + 1
     codes = np.minimum(start, end) * count + np.maximum(start, end)
     order = _stable_order(codes)
     if len(order) % 2:
-        raise NumericalError("its surface is open or pinched; use another grid spacing")
+        return None
     first, second = order.reshape(-1, 2).T
     if (start[first] != end[second]).any() or (end[first] != start[second]).any():
-        raise NumericalError("its surface is open or pinched; use another grid spacing")
+        return None
     twins = np.empty(len(codes), np.int32)
     twins[first], twins[second] = second, first
     return twins

@@ -18,7 +18,7 @@ from homolog.surfaces.simplify import simplified
 from homolog.surfaces.topology import check_mesh, face_components, is_sound
 from homolog.surfaces.topology import edges as edges_of
 
-__all__ = ["coarse_isosurface", "isosurface", "marching_cubes", "zero_level"]
+__all__ = ["coarse_isosurface", "isosurface", "marching_cubes", "vertex_count", "zero_level"]
 
 VERTICES = 6000
 MOST_VERTICES = 250_000
@@ -89,13 +89,27 @@ def isosurface(
     if raw.volume < _SLIVER * inside:
         raise InputError("is too thin for its grid; use a finer grid spacing, or exclude it")
     edge = edge or _edge_for(raw.area, VERTICES)
-    count = round(_EQUILATERAL * raw.area / edge**2)
+    return _meshed(field, raw, vertex_count(raw.area, edge), edge, adaptive)
+
+
+def vertex_count(area: float, edge: float | None) -> int:
+    """Return the number of vertices on a surface of this area [mm²] with edges of this length [mm].
+
+    Without a length it is that of surface meshes by default.
+
+    Raises
+    ------
+    InputError
+        If there would be too many.
+    """
+    edge = edge or _edge_for(area, VERTICES)
+    count = round(float(_EQUILATERAL * area / edge**2))
     if count > MOST_VERTICES:
-        least = _edge_for(raw.area, MOST_VERTICES)
+        least = _edge_for(area, MOST_VERTICES)
         raise InputError(
             f"mesh edges of {edge:g} mm would make {count} vertices; choose {least:.2g} mm or more"
         )
-    return _meshed(field, raw, count, edge, adaptive)
+    return count
 
 
 def coarse_isosurface(field: DistanceField, mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:

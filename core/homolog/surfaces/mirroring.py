@@ -43,7 +43,7 @@ def mirror_image(shape: _AnyShape) -> _AnyShape:
     """Return a shape whose distance field and meshes are mirrored."""
     return replace(
         shape,
-        field=shape.field.mirrored,
+        field=shape.field and shape.field.mirrored,  # an open shape has none
         mesh=shape.mesh.placed(MIRROR),
         coarse_mesh=shape.coarse_mesh.placed(MIRROR),
     )

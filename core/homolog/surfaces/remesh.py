@@ -54,7 +54,7 @@ def remeshed(mesh: TriangleMesh, field: DistanceField, sizes: float | Sizes) -> 
         _collapse(edges)
         _flip(edges)
         _slide(edges, field)
-    return TriangleMesh(edges.vertices, edges.faces)
+    return edges.mesh
 
 
 def _split(edges: HalfEdges) -> None:

@@ -11,7 +11,7 @@ from scipy.spatial import Delaunay, KDTree, QhullError
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.surfaces.loops import loops
 
-__all__ = ["LOOSE", "Capped", "Finished", "capped", "capped_to_resolution", "sides_of"]
+__all__ = ["LOOSE", "Capped", "Finished", "capped", "capped_to_resolution", "coinciding", "sides_of"]
 
 _FLAT = 0.05
 """Largest distance of a flat rim from its plane, relative to its width, if that is more than a side of it.
@@ -103,7 +103,7 @@ def capped(vertices: FloatArray, faces: IntArray, patches: IntArray) -> Capped:
         np.concatenate(caps),
         np.concatenate(cap_patches),
         _widths(vertices, rims),
-        left[~_covered(vertices, left[:, :2])],
+        left[~coinciding(vertices, left[:, :2])],
         joined,
     )
 
@@ -176,7 +176,7 @@ def capped_to_resolution(vertices: FloatArray, faces: IntArray) -> Finished:
         np.concatenate([vertices, np.reshape(middles, (-1, 3))]),
         np.concatenate(caps),
         np.array(widths),
-        remaining[~_covered(vertices, remaining)],
+        remaining[~coinciding(vertices, remaining)],
     )
 
 
@@ -273,7 +273,7 @@ def _outer_rims(vertices: FloatArray, rims: Sequence[_Rim]) -> IntArray:
     return np.where(around.sum(axis=0) % 2 == 1, nearest, -1)
 
 
-def _covered(vertices: FloatArray, sides: IntArray) -> BoolArray:
+def coinciding(vertices: FloatArray, sides: IntArray) -> BoolArray:
     """Return which open sides coincide with others, as at T-junctions."""
     if not len(sides):
         return np.zeros(0, dtype=bool)
@@ -296,7 +296,7 @@ def _widths(vertices: FloatArray, rims: Sequence[_Rim]) -> FloatArray:
     """Return the widths of rims, without those that coincide with others: seams with T-junctions."""
     if not rims:
         return np.empty(0)
-    covered = _covered(vertices, np.concatenate([rim.sides for rim in rims]))
+    covered = coinciding(vertices, np.concatenate([rim.sides for rim in rims]))
     owners = np.repeat(np.arange(len(rims)), [len(rim.sides) for rim in rims])
     is_seam = np.bincount(owners, covered) >= _SEAM * np.bincount(owners)
     return np.array([rim.width for rim in rims])[~is_seam]

@@ -11,7 +11,7 @@ from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.device import launch_on_cores, shared
 from homolog.surfaces.kernels import sides as kernels
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import FLATTEST, check_mesh, may_have_twins
+from homolog.surfaces.topology import FLATTEST, check_surface, may_have_twins
 from homolog.threads import cores
 
 __all__ = ["MeshSides", "batches"]
@@ -33,13 +33,13 @@ class MeshSides:
     tail : (3F,) int32 array
         Vertex at which each side starts, numbered over all meshes.
     twin : (3F,) int32 array
-        The same edge as a side of the neighbouring face.
+        The same edge as a side of the neighbouring face; -1 at a rim.
     start : (N,) int32 array
         First entry of each vertex in `leaving`.
     leaving : (3F,) int32 array
         Sides sorted by tail.
-    is_closed : (S,) bool array
-        Whether the twins of a mesh are valid: each side has exactly one opposite side.
+    is_paired : (S,) bool array
+        Whether the twins of a mesh are valid: each side occurs once, and has at most one opposite side.
     """
 
     meshes: Sequence[TriangleMesh]
@@ -49,7 +49,7 @@ class MeshSides:
     twin: IntArray
     start: IntArray
     leaving: IntArray
-    is_closed: BoolArray
+    is_paired: BoolArray
 
     @classmethod
     def of(cls, meshes: Sequence[TriangleMesh]) -> "MeshSides":
@@ -60,9 +60,9 @@ class MeshSides:
         )
         faces = np.concatenate([mesh.faces.ravel() for mesh in meshes])
         tail, twin, leaving = np.zeros((3, len(faces)), np.int32)
-        start, is_closed = np.zeros(first_vertex[-1], np.int32), np.zeros(len(meshes), dtype=bool)
-        made = cls(meshes, first_vertex, first_face, tail, twin, start, leaving, is_closed)
-        inputs = [shared(faces), made.for_kernels(), shared(is_closed)]
+        start, is_paired = np.zeros(first_vertex[-1], np.int32), np.zeros(len(meshes), dtype=bool)
+        made = cls(meshes, first_vertex, first_face, tail, twin, start, leaving, is_paired)
+        inputs = [shared(faces), made.for_kernels(), shared(is_paired)]
         launch_on_cores(kernels.pair_sides, len(meshes), inputs)
         return made
 
@@ -74,18 +74,16 @@ class MeshSides:
         return sides
 
     def check(self, names: Sequence[str]) -> None:
-        """Raise InputError unless all meshes pass `check_mesh`.
+        """Raise InputError unless all meshes pass `check_surface`.
 
-        Meshes that fail the compiled checks are passed to `check_mesh`, which reports the fault.
+        Meshes that fail the compiled checks are passed to `check_surface`, which reports the fault.
         """
-        n = int(self.first_vertex[-1])
-        seen, queue, is_sound = np.zeros(n, np.int32), np.empty(n, np.int32), self.is_closed.copy()
-        inputs = [self.for_kernels(), self.positions(), 2.0 * FLATTEST]
-        inputs += [shared(seen), shared(queue), shared(is_sound)]
+        is_sound = self.is_paired.copy()
+        inputs = [self.for_kernels(), self.positions(), 2.0 * FLATTEST, shared(is_sound)]
         launch_on_cores(kernels.check_meshes, len(self.meshes), inputs)
         for mesh, name, sound in zip(self.meshes, names, is_sound, strict=True):
             if not sound or may_have_twins(mesh.vertices):
-                check_mesh(mesh, name)
+                check_surface(mesh, name)
 
     def areas(self) -> FloatArray:
         """Return the area of each mesh, (S,) [mm²]; only the order of the sum differs from `TriangleMesh`."""
@@ -95,7 +93,7 @@ class MeshSides:
         return result
 
     def reach(self) -> FloatArray:
-        """Return the largest distance along edges from the first vertex of each mesh, (S,) [mm]."""
+        """Return the largest distance along edges from the first vertex of a piece, by mesh, (S,) [mm]."""
         n = int(self.first_vertex[-1])
         result = np.zeros(len(self.meshes))
         scratch = [shared(item) for item in (*np.empty((2, n), np.int32), np.empty(n), result)]

@@ -21,7 +21,7 @@ def simplified(mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
     Parameters
     ----------
     mesh : TriangleMesh
-        A closed manifold; other meshes are returned unchanged.
+        An oriented manifold, whose rims are kept in place; other meshes are returned unchanged.
     n_vertices : int
         Target number of vertices; a mesh with no more is returned unchanged.
 
@@ -39,7 +39,7 @@ def simplified(mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
         return mesh
     _merge(edges, len(mesh.vertices) - n_vertices)
     edges.compact()
-    return TriangleMesh(edges.vertices + centre, edges.faces)
+    return TriangleMesh(edges.mesh.vertices + centre, edges.mesh.faces)
 
 
 def _merge(edges: HalfEdges, most: int) -> None:

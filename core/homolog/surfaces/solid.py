@@ -19,7 +19,7 @@ from homolog.surfaces.mesh_level import escaping, winding_around
 from homolog.surfaces.rims import LOOSE, capped, capped_to_resolution, sides_of
 from homolog.surfaces.topology import FLATTEST, face_components
 
-__all__ = ["Solid", "clusters", "solid_of"]
+__all__ = ["Solid", "clusters", "oriented", "solid_of", "welded"]
 
 _SAME = (1e-6, 1e-5, 1e-4)
 """Distances within which vertices are welded, relative to the diagonal; the larger ones are for loose
@@ -98,7 +98,7 @@ def solid_of(mesh: TriangleMesh) -> Solid:
         Any triangles with finite vertices. The result may have no faces.
     """
     vertices, faces = _welded(mesh.vertices, mesh.faces)
-    welded = len(np.unique(mesh.faces)) - len(np.unique(faces))
+    merged = len(np.unique(mesh.faces)) - len(np.unique(faces))
     faces = _with_area(vertices, faces)
     patches, turned = _patches(faces)
     faces = np.where(turned[:, None], faces[:, ::-1], faces)
@@ -135,8 +135,24 @@ def solid_of(mesh: TriangleMesh) -> Solid:
         float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum()),
         _count_turned(owners[: len(faces)], turned, unsure & (sides < 0)),
         len(mesh.faces) - len(faces),
-        welded,
+        merged,
     )
+
+
+def welded(mesh: TriangleMesh) -> TriangleMesh:
+    """Return a mesh with coinciding vertices merged, without faces that have no area or occur twice."""
+    vertices, faces = _welded(mesh.vertices, mesh.faces)
+    used, numbers = np.unique(_with_area(vertices, faces), return_inverse=True)
+    return TriangleMesh(vertices[used], numbers.reshape(-1, 3))
+
+
+def oriented(mesh: TriangleMesh) -> tuple[TriangleMesh, int]:
+    """Return a mesh whose faces agree with their neighbours, as most do, and the number that were flipped."""
+    patches, turned = _patches(mesh.faces)
+    most = 2 * np.bincount(patches, turned) > np.bincount(patches)
+    turned = turned != most[patches]
+    faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)
+    return TriangleMesh(mesh.vertices, faces), int(np.count_nonzero(turned))
 
 
 def _widths(vertices: FloatArray, sides: IntArray) -> FloatArray:

@@ -12,6 +12,7 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = [
     "check_arrays",
     "check_mesh",
+    "check_surface",
     "edges",
     "euler_number",
     "face_components",
@@ -19,6 +20,10 @@ __all__ = [
     "is_sound",
     "longest_edge",
     "may_have_twins",
+    "rim_numbers",
+    "rim_sides",
+    "surface_fault",
+    "unpinched",
     "without_cavities",
 ]
 
@@ -33,6 +38,21 @@ def edges(faces: IntArray) -> IntArray:
     keys = np.sort(sides[:, 0] * n_vertices + sides[:, 1])  # np.unique hashes, which is 40 times slower
     keys = keys[np.r_[True, keys[1:] != keys[:-1]]] if len(keys) else keys
     return np.stack([keys // max(n_vertices, 1), keys % max(n_vertices, 1)], axis=1)
+
+
+def rim_sides(faces: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the sides of oriented faces that no other face meets, (B, 2) and (B,): ends and face."""
+    sides = _sides(faces).astype(np.int64)
+    alone = np.flatnonzero(twins(sides) < 0)
+    return sides[alone], alone % len(faces)
+
+
+def rim_numbers(rim: IntArray) -> IntArray:
+    """Return the number of the rim to which each of its sides (B, 2) belongs, shape (B,)."""
+    used, ends = np.unique(rim, return_inverse=True)
+    ends = ends.reshape(-1, 2)
+    graph = coo_array((np.ones(len(ends), np.int8), tuple(ends.T)), shape=(len(used),) * 2)
+    return np.asarray(connected_components(graph, directed=False)[1][ends[:, 0]], np.int64)
 
 
 def euler_number(faces: IntArray) -> int:
@@ -73,6 +93,27 @@ def check_mesh(mesh: TriangleMesh, name: str) -> None:
         With the first fault found and the remedy.
     """
     if fault := _fault(mesh):
+        raise InputError(f"{name}: the mesh {fault}")
+
+
+def check_surface(mesh: TriangleMesh, name: str) -> None:
+    """Raise InputError unless a mesh is an oriented manifold without degenerate faces.
+
+    It may have rims, and several pieces.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Any arrays of the right shapes.
+    name : str
+        Subject or file, for the message.
+
+    Raises
+    ------
+    InputError
+        With the first fault found and the remedy.
+    """
+    if fault := surface_fault(mesh):
         raise InputError(f"{name}: the mesh {fault}")
 
 
@@ -134,6 +175,11 @@ def without_cavities(solid: BoolArray) -> BoolArray:
     return np.asarray(~is_open[outside])
 
 
+def surface_fault(mesh: TriangleMesh) -> str:
+    """Return why a mesh is no oriented manifold without degenerate faces; empty if it is one."""
+    return _array_fault(mesh) or _face_fault(mesh) or _vertex_fault(mesh) or _side_fault(mesh, may_open=True)
+
+
 def _fault(mesh: TriangleMesh) -> str:
     return _array_fault(mesh) or _face_fault(mesh) or _vertex_fault(mesh) or _side_fault(mesh)
 
@@ -193,8 +239,11 @@ def _vertex_fault(mesh: TriangleMesh) -> str:
     return ""
 
 
-def _side_fault(mesh: TriangleMesh) -> str:
-    """Return a fault of the connections of faces: at edges, as a whole, or around vertices."""
+def _side_fault(mesh: TriangleMesh, *, may_open: bool = False) -> str:
+    """Return a fault of the connections of faces: at edges, as a whole, or around vertices.
+
+    A mesh that may be open may also have several pieces.
+    """
     # the number of each directed side, counted from 1, at its (start, end) and at its (end, start)
     sides = _sides(mesh.faces)
     number = np.arange(1, len(sides) + 1)
@@ -203,6 +252,11 @@ def _side_fault(mesh: TriangleMesh) -> str:
     back = coo_array((number, (sides[:, 1], sides[:, 0])), shape=shape).tocsr()
     incidence.sort_indices()
     back.sort_indices()
+    if may_open:
+        if incidence.nnz < len(sides):  # a side twice
+            return _edge_fault(sides, may_open=True)
+        touching = _fans(twins(sides))[0] - len(mesh.vertices)
+        return f"is not manifold: it touches itself at {touching} vertices; repair it" if touching else ""
     # closed, manifold at edges, oriented: every side exactly once, and its opposite exactly once
     if incidence.nnz < len(sides) or not (
         np.array_equal(incidence.indptr, back.indptr) and np.array_equal(incidence.indices, back.indices)
@@ -213,28 +267,58 @@ def _side_fault(mesh: TriangleMesh) -> str:
         return f"has {pieces} separate pieces; keep the largest or treat them as subjects of their own"
     twin = np.empty(len(sides), np.int64)
     twin[incidence.data - 1] = back.data - 1
-    touching = _fans(twin) - len(mesh.vertices)
+    touching = _fans(twin)[0] - len(mesh.vertices)
     return f"is not manifold: it touches itself at {touching} vertices; repair it" if touching else ""
 
 
-def _edge_fault(sides: IntArray) -> str:
+def _edge_fault(sides: IntArray, *, may_open: bool = False) -> str:
     low, high = sides.min(axis=1).astype(np.int64), sides.max(axis=1)
     keys = np.sort(low * (int(high.max()) + 1) + high)  # np.unique of rows is ten times slower
     uses = np.diff(np.flatnonzero(np.r_[True, keys[1:] != keys[:-1], True]))
     if (uses > 2).any():
         return f"is not manifold: {np.count_nonzero(uses > 2)} edges have more than two faces; repair it"
-    if (uses < 2).any():
+    if (uses < 2).any() and not may_open:
         return f"is not closed: {np.count_nonzero(uses < 2)} edges have only one face; fill its holes"
     return "has faces of opposite orientation next to each other; orient its normals consistently"
 
 
-def _fans(twin: IntArray) -> int:
-    """Count the fans of faces around all vertices, from the twin of each directed side.
+def twins(sides: IntArray) -> IntArray:
+    """Return the index of the opposite of each directed side (S, 2), -1 at a rim; no side occurs twice."""
+    count = int(sides.max(initial=0)) + 1
+    there, back = sides[:, 0] * count + sides[:, 1], sides[:, 1] * count + sides[:, 0]
+    order = np.argsort(there)
+    place = np.minimum(np.searchsorted(there, back, sorter=order), len(order) - 1)
+    return np.where(there[order[place]] == back, order[place], -1)
+
+
+def unpinched(mesh: TriangleMesh) -> TriangleMesh:
+    """Return a mesh in which fans of faces that touch at a vertex only have a vertex each.
+
+    These vertices are moved by a thousandth of the way into their fan.
+    """
+    corners = mesh.faces.T.ravel()
+    count, fan = _fans(twins(_sides(mesh.faces).astype(np.int64)))
+    if count == len(mesh.vertices):
+        return mesh
+    first = np.unique(fan, return_index=True)[1]
+    vertices = mesh.vertices[corners[first]]
+    middles = mesh.vertices[mesh.faces].mean(axis=1)[np.arange(len(fan)) % len(mesh.faces)]
+    sums = [np.bincount(fan, column) for column in middles.T]
+    inward = np.stack(sums, axis=1) / np.bincount(fan)[:, None] - vertices
+    several = np.bincount(corners[first], minlength=len(mesh.vertices))[corners[first]] > 1
+    return TriangleMesh(vertices + 1e-3 * np.where(several[:, None], inward, 0.0), fan.reshape(3, -1).T)
+
+
+def _fans(twin: IntArray) -> tuple[int, IntArray]:
+    """Return the number of fans of faces around all vertices, and the fan of each side's corner.
+
+    They follow from the twin of each directed side, -1 at a rim.
 
     A corner has the number of the side that starts there. The next corner around its vertex has the number of
-    the twin of the side that ends there in the same face. The cycles of this permutation are the fans.
+    the twin of the side that ends there in the same face. Corners that follow each other are a fan.
     """
     following = np.roll(twin.reshape(3, -1), 1, axis=0).ravel()
-    n = len(twin)
-    steps = coo_array((np.ones(n), (np.arange(n), following)), shape=(n, n))
-    return int(connected_components(steps, directed=True, connection="strong")[0])
+    n, known = len(twin), np.flatnonzero(following >= 0)
+    steps = coo_array((np.ones(len(known)), (known, following[known])), shape=(n, n))
+    count, fans = connected_components(steps, directed=False)
+    return int(count), fans

@@ -12,14 +12,28 @@ def test_a_length_that_is_none_is_refused(sphere, d_max):
         solve_tables([sphere(50)], d_max, names=["femur_07"])[0]
 
 
-def test_an_open_mesh_is_refused_by_name(sphere):
+def test_faces_that_do_not_agree_with_their_neighbours_are_refused_by_name(sphere):
     mesh = sphere(50)
-    with pytest.raises(InputError, match=r"femur_07: .* not closed: 3 edges"):
-        solve_tables([TriangleMesh(mesh.vertices, mesh.faces[1:])], 5.0, names=["femur_07"])[0]
-    with pytest.raises(InputError, match="not closed"):
-        geodesic_distances(mesh.vertices, mesh.faces[1:], 5.0)
-    with pytest.raises(InputError, match="not closed"):
-        distances_from(TriangleMesh(mesh.vertices, mesh.faces[1:]), [0])
+    faces = np.concatenate([mesh.faces[:1, ::-1], mesh.faces[1:]])
+    with pytest.raises(InputError, match=r"femur_07: .* opposite orientation"):
+        solve_tables([TriangleMesh(mesh.vertices, faces)], 5.0, names=["femur_07"])[0]
+    with pytest.raises(InputError, match="opposite orientation"):
+        geodesic_distances(mesh.vertices, faces, 5.0)
+    with pytest.raises(InputError, match="opposite orientation"):
+        distances_from(TriangleMesh(mesh.vertices, faces), [0])
+
+
+def test_faces_that_only_touch_at_a_vertex_are_refused(sphere):
+    mesh = sphere(50)
+    around = np.flatnonzero((mesh.faces == 0).any(axis=1))
+    opposite = [
+        face
+        for face in around
+        if not np.isin(mesh.faces[face], np.setdiff1d(mesh.faces[around[0]], [0])).any()
+    ]
+    faces = np.delete(mesh.faces, [around[0], opposite[0]], axis=0)
+    with pytest.raises(InputError, match="touches itself at 1 vertices"):
+        geodesic_distances(mesh.vertices, faces, 5.0)
 
 
 def test_tables_above_the_memory_limit_are_refused_with_their_size(sphere):

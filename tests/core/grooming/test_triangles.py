@@ -15,12 +15,12 @@ from homolog.grooming.levels import level_of_mesh
 from homolog.grooming.subject import read_source
 from homolog.grooming.triangles import level_of_triangles
 from homolog.io.meshes import write_mesh
-from homolog.settings import GroomSettings, Pieces
+from homolog.settings import GroomSettings, Openings, Pieces
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.solid import solid_of
 from homolog.surfaces.topology import check_mesh, is_sound
 
-SETTINGS = GroomSettings(mesh_edge=2.5, spacing=0.8)
+SETTINGS = GroomSettings(mesh_edge=2.5, spacing=0.8, openings=Openings.CLOSE)
 VOLUME = 4.0 / 3.0 * np.pi * 20.0 * 14.0 * 10.0
 
 

@@ -5,13 +5,14 @@ import pytest
 from scipy import ndimage
 
 from homolog.errors import InputError, NumericalError
+from homolog.surfaces.closest import distances_to
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.half_edges import ascending
 from homolog.surfaces.isosurface import coarse_isosurface, isosurface, marching_cubes, zero_level
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.remesh import remeshed
 from homolog.surfaces.simplify import simplified
-from homolog.surfaces.topology import check_mesh, euler_number
+from homolog.surfaces.topology import check_mesh, check_surface, euler_number, rim_sides
 
 LARGE, SMALL = 12.0, 4.0
 
@@ -125,9 +126,24 @@ def test_simplifying_does_not_depend_on_the_unit(mesh):
     assert np.array_equal(metres.faces, simplified(mesh, 800).faces)
 
 
-def test_a_mesh_that_is_open_is_not_simplified(mesh):
-    opened = TriangleMesh(mesh.vertices, mesh.faces[1:])
-    assert simplified(opened, 500) is opened
+def test_a_mesh_that_is_open_keeps_its_rims_when_it_is_simplified(mesh):
+    below = mesh.vertices[mesh.faces].mean(axis=1)[:, 0] < 3.0
+    used, faces = np.unique(mesh.faces[below], return_inverse=True)
+    opened = TriangleMesh(mesh.vertices[used], faces.reshape(-1, 3))
+    fewer = simplified(opened, 500)
+    check_surface(fewer, "fewer")
+    assert len(fewer.vertices) == 500
+    assert euler_number(fewer.faces) == euler_number(opened.faces)
+    rim, far = rim_sides(fewer.faces)[0], 0.05 * opened.mean_edge
+    assert len(rim) < 0.7 * len(rim_sides(opened.faces)[0])
+    assert distances_to(opened, fewer.vertices[rim].mean(axis=1)).max() < 2.0 * opened.mean_edge
+    assert np.median(distances_to(opened, fewer.vertices[rim[:, 0]])) < far
+    assert fewer.area == pytest.approx(opened.area, rel=0.01)
+
+
+def test_a_mesh_with_an_edge_of_three_faces_is_not_simplified(mesh):
+    pinched = TriangleMesh(mesh.vertices, np.concatenate([mesh.faces, mesh.faces[:1]]))
+    assert simplified(pinched, 500) is pinched
 
 
 def test_a_coarse_mesh_reaches_the_tip_of_a_thin_process():

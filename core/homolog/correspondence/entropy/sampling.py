@@ -57,6 +57,7 @@ class Sampling:
         known = (total, KNOWN_NEIGHBOURS if launcher.device == "cpu" else 0)
         self.known = wp.zeros(known, dtype=sampling_kernels.PairCodes, **on_device)
         self.forces = wp.zeros(total, dtype=wp.vec3, **on_device)
+        self.rims = wp.zeros(total if surface_set.has_rims else 0, dtype=wp.vec4, **on_device)
         self.spread = wp.zeros(total, dtype=wp.vec3, **on_device)
         self.side = math.ceil(round(layout.shapes ** (1.0 / 3.0), 6))
         cells = GRID_CELLS if total < GRID_CELLS**3 else 2 * GRID_CELLS
@@ -105,14 +106,17 @@ class Sampling:
             self.total,
             [self.layout, *geometry, *lists, self.places, self.widths, self.pairs],
         )
+        if self.surface_set.has_rims:
+            given = [self.layout, self.surface_set.surfaces, closest, self.rims]
+            self.launch(sampling_kernels.find_rims, self.total, given)
         widths, made = [self.widths, self.next_widths], [self.masses, self.forces, self.energies]
         self.launch(
             sampling_kernels.compute_forces,
             self.total,
-            [self.layout, self.surface_set.surfaces, normals, *lists, self.pairs, *widths, *made],
+            [self.layout, self.surface_set.surfaces, normals, *lists, self.pairs, self.rims, *widths, *made],
         )
         self.launch(
             sampling_kernels.add_reaction_forces,
             self.total,
-            [self.layout, normals, *lists, self.widths, self.masses, self.pairs, self.forces],
+            [self.layout, normals, *lists, self.widths, self.masses, self.pairs, self.rims, self.forces],
         )

@@ -25,6 +25,8 @@ __all__ = [
     "find_faces",
     "locate",
     "project",
+    "project_on_mesh",
+    "rim_at",
 ]
 
 
@@ -40,6 +42,8 @@ class Surface:
     vertices: wp.array(dtype=wp.vec3)
     faces: wp.array(dtype=wp.vec3i)
     face_neighbours: wp.array(dtype=wp.vec3i)  # across the edges opposite to each corner
+    normals: wp.array(dtype=wp.vec3)  # at the vertices of a mesh that carries particles; else none
+    rims: wp.array(dtype=float)  # distance of each vertex from the nearest rim, if there is one; else none
     table: TableData
     size: float  # square root of its area over the mean area
     fixed: int  # 1: all its particles are fixed, so that nothing is computed for it
@@ -97,12 +101,14 @@ def project(
     """Project onto the zero level by Newton steps; compute the normal n and the shape operator dn/dx.
 
     dn/dx = (I - nn') Hess (I - nn') / |grad|. Where opening angles are in use, their gradient and value are
-    computed too. With `only_free` nothing changes for fixed particles.
+    computed too. With `only_free` nothing changes for fixed particles, and never for open shapes.
     """
     p = first + wp.tid()
     if only_free == 1 and free[p] == 0:
         return
     field = fields[p // per_shape]
+    if field.scale == 0.0:
+        return
     x = positions[p]
     limit = 1.5 / wp.length(wp.vec3(field.to_index[0, 0], field.to_index[1, 0], field.to_index[2, 0]))
     for _step in range(newton_steps * free[p]):
@@ -155,8 +161,15 @@ def normal_cosine(s: Surface, face: int, normal: wp.vec3) -> float:
 
 @wp.func
 def next_face_around(s: Surface, face: int, vertex: int) -> int:
-    """Return the next face around a vertex."""
-    return s.face_neighbours[face][(corner_of(s, face, vertex) + 1) % 3]
+    """Return the next face around a vertex; at a rim, the last one follows the first one."""
+    following = s.face_neighbours[face][(corner_of(s, face, vertex) + 1) % 3]
+    if following < 0:
+        following = face
+        back = s.face_neighbours[face][(corner_of(s, face, vertex) + 2) % 3]
+        while back >= 0:
+            following = back
+            back = s.face_neighbours[back][(corner_of(s, back, vertex) + 2) % 3]
+    return following
 
 
 @wp.func
@@ -174,7 +187,7 @@ def walk(s: Surface, begin: int, x: wp.vec3) -> int:
         steps += 1
         start = face
         for k in range(3):
-            if closest_here[k] <= 0.0:
+            if closest_here[k] <= 0.0 and s.face_neighbours[start][k] >= 0:
                 other = s.face_neighbours[start][k]
                 candidate = closest_on_face(s, other, x)
                 if candidate[3] < closest_here[3] * (1.0 - 1.0e-5):
@@ -210,6 +223,63 @@ def nearest_agreeing_face(s: Surface, face: int, x: wp.vec3, normal: wp.vec3) ->
                 best = face_around
             face_around = next_face_around(s, face_around, vertex)
     return best
+
+
+@wp.kernel
+def project_on_mesh(
+    first: int,
+    per_shape: int,
+    only_free: int,
+    free: wp.array(dtype=int),
+    carriers: wp.array(dtype=Surface),
+    face_of: wp.array(dtype=int),
+    positions: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    shape_operators: wp.array(dtype=wp.mat33),
+):
+    """Project the particles of open shapes onto their meshes; compute the normal n and the shape operator.
+
+    A particle walks from its last face and can't leave the mesh across a rim. Normals are interpolated
+    between vertices. With `only_free` nothing changes for fixed particles, and never for solid shapes.
+    """
+    p = first + wp.tid()
+    s = carriers[p // per_shape]
+    if s.normals.shape[0] == 0 or (only_free == 1 and free[p] == 0):
+        return
+    face = walk(s, face_of[p], positions[p])
+    here = surface_point(s.vertices, s.faces, face, positions[p])
+    for k in range(3):  # on an edge, of its two faces the first, wherever the walk came from
+        if here.weights[k] <= 0.0 and s.face_neighbours[face][k] >= 0 and s.face_neighbours[face][k] < face:
+            face = s.face_neighbours[face][k]
+    here = surface_point(s.vertices, s.faces, face, positions[p])
+    if free[p] == 1:
+        positions[p] = here.position
+    face_of[p] = face
+    sum = wp.vec3(0.0, 0.0, 0.0)
+    slope = wp.mat33()
+    for k in range(3):
+        normal = s.normals[here.corners[k]]
+        sum += here.weights[k] * normal
+        slope += wp.outer(normal, wp.vec3(here.gradients[k, 0], here.gradients[k, 1], here.gradients[k, 2]))
+    size = wp.max(wp.length(sum), 1.0e-6)
+    n = sum / size
+    flat = wp.identity(n=3, dtype=float) - wp.outer(n, n)
+    slope = flat * slope * flat / size
+    normals[p] = n
+    shape_operators[p] = 0.5 * (slope + wp.transpose(slope))
+
+
+@wp.func
+def rim_at(s: Surface, point: SurfacePoint) -> wp.vec4:
+    """Return the direction away from the nearest rim at a point of a mesh, and the distance from it."""
+    distance = float(0.0)
+    away = wp.vec3(0.0, 0.0, 0.0)
+    for k in range(3):
+        there = s.rims[point.corners[k]]
+        distance += point.weights[k] * there
+        away += there * wp.vec3(point.gradients[k, 0], point.gradients[k, 1], point.gradients[k, 2])
+    away = wp.normalize(away)
+    return wp.vec4(away[0], away[1], away[2], distance)
 
 
 @wp.kernel

@@ -3,7 +3,7 @@
 import warp as wp
 
 from homolog.correspondence.kernels.functions import tangent
-from homolog.correspondence.kernels.particles import Layout, Surface
+from homolog.correspondence.kernels.particles import Layout, Surface, rim_at
 from homolog.geodesics.kernels.lookup import (
     Blocks,
     CornerCodes,
@@ -24,6 +24,7 @@ __all__ = [
     "PairCodes",
     "add_reaction_forces",
     "compute_forces",
+    "find_rims",
     "link_back",
     "link_neighbours",
     "measure_pairs",
@@ -36,6 +37,8 @@ MAX_WIDTH_RATIO = 1.2  # largest Parzen width, over that of an even layout
 CUTOFF_RATIO = wp.constant(CUTOFF)
 MAX_WIDTH = wp.constant(MAX_WIDTH_RATIO)
 MIN_WIDTH = wp.constant(0.1)
+ON_RIM = wp.constant(0.05)
+"""Distance from the rim of a particle on it, in Parzen widths of an even layout: enough to leave it."""
 STRAIGHT_MARGIN = wp.constant(1.05)  # geodesic distances are interpolated, and may be that much too short
 
 
@@ -243,6 +246,44 @@ def away(derivative: wp.vec3, normal: wp.vec3, distance: float) -> wp.vec4:
 
 
 @wp.kernel
+def find_rims(
+    first: int,
+    c: Layout,
+    surfaces: wp.array(dtype=Surface),
+    closest: wp.array(dtype=SurfacePoint),
+    rims: wp.array(dtype=wp.vec4),
+):
+    """Find the direction away from the nearest rim, and the distance from it; infinite without a rim.
+
+    A particle on the rim itself, which its mirror image would hold there, counts as a little inside.
+    """
+    p = first + wp.tid()
+    s = surfaces[p // c.per_shape]
+    rims[p] = wp.vec4(0.0, 0.0, 0.0, wp.inf)
+    if s.rims.shape[0] > 0:
+        here = rim_at(s, closest[p])
+        here[3] = wp.max(here[3], ON_RIM * c.expected_width * s.size)
+        rims[p] = here
+
+
+@wp.func
+def mirrored(pair: wp.vec4, here: wp.vec4, there: wp.vec4) -> wp.vec4:
+    """Return the distance from a neighbour's mirror image beyond the rim, and its derivative.
+
+    Where the rim is straight and the surface flat, d'² = d² + 4ab with the distances a and b of the two
+    from the rim. Densities are then those of a surface without rim: they neither push particles over it nor
+    gather them there. -1 if the image is out of reach.
+    """
+    image = wp.vec4(0.0, 0.0, 0.0, -1.0)
+    if pair[3] >= 0.0 and here[3] + there[3] < 1.0e9:
+        d = wp.sqrt(pair[3] * pair[3] + 4.0 * here[3] * there[3])
+        for k in range(3):
+            image[k] = (pair[3] * pair[k] + 2.0 * there[3] * here[k]) / d
+        image[3] = d
+    return image
+
+
+@wp.kernel
 def compute_forces(
     first: int,
     c: Layout,
@@ -251,6 +292,7 @@ def compute_forces(
     neighbours: wp.array(dtype=int, ndim=2),
     counts: wp.array(dtype=int),
     pairs: wp.array(dtype=wp.vec4, ndim=2),
+    rims: wp.array(dtype=wp.vec4),
     widths: wp.array(dtype=float),
     next_widths: wp.array(dtype=float),
     masses: wp.array(dtype=float),
@@ -282,6 +324,23 @@ def compute_forces(
             mass += w
             squared_spread += w * d * d
             force += w * d * wp.vec3(pair[0], pair[1], pair[2])
+        if rims.shape[0] > 0:
+            image = mirrored(pair, rims[p], rims[neighbours[p, k]])
+            d = image[3]
+            if d >= 0.0 and d < CUTOFF_RATIO * s:
+                w = wp.exp(-0.5 * d * d / (s * s))
+                if c.geodesic == 0:
+                    w = w * normal_filter(n, normals[neighbours[p, k]])
+                mass += w
+                squared_spread += w * d * d
+                force += w * d * wp.vec3(image[0], image[1], image[2])
+    if rims.shape[0] > 0:  # its own image, which moves as fast in the other direction
+        d = 2.0 * rims[p][3]
+        if d < CUTOFF_RATIO * s:
+            w = wp.exp(-0.5 * d * d / (s * s))
+            mass += w
+            squared_spread += w * d * d
+            force += 2.0 * w * d * wp.vec3(rims[p][0], rims[p][1], rims[p][2])
     even = c.expected_width * surfaces[shape].size
     fixed_point = MAX_WIDTH * even
     if mass > 1.0e-12:
@@ -302,6 +361,7 @@ def add_reaction_forces(
     widths: wp.array(dtype=float),
     masses: wp.array(dtype=float),
     pairs: wp.array(dtype=wp.vec4, ndim=2),
+    rims: wp.array(dtype=wp.vec4),
     forces: wp.array(dtype=wp.vec3),
 ):
     """Add the derivative of the neighbours' energies by this particle's position."""
@@ -317,6 +377,14 @@ def add_reaction_forces(
             if c.geodesic == 0:
                 w = w * normal_filter(normals[p], normals[j])
             force += w * d / masses[j] * wp.vec3(pair[0], pair[1], pair[2])
+        if rims.shape[0] > 0:
+            image = mirrored(pair, rims[p], rims[j])
+            d = image[3]
+            if d >= 0.0 and d < CUTOFF_RATIO * s:
+                w = wp.exp(-0.5 * d * d / (s * s))
+                if c.geodesic == 0:
+                    w = w * normal_filter(normals[p], normals[j])
+                force += w * d / masses[j] * wp.vec3(image[0], image[1], image[2])
     forces[p] = forces[p] + force
 
 

@@ -36,12 +36,16 @@ class Groups:
 @wp.kernel
 def fill_corners(
     tail: wp.array(dtype=wp.int32),
+    twin: wp.array(dtype=wp.int32),
     length: wp.array(dtype=wp.float64),
     rank: wp.array(dtype=wp.int32),
     first: wp.array(dtype=wp.int32),
     fans: Fans,
 ):
-    """Write the corners of every vertex contiguously and counterclockwise; thread (side of a triangle)."""
+    """Write the corners of every vertex contiguously and counterclockwise; thread (side of a triangle).
+
+    The first corner at a rim stands for the opening: no path crosses it, but one comes along its edge.
+    """
     side = wp.tid()
     base = next_side(side)
     after = next_side(base)
@@ -57,6 +61,14 @@ def fill_corners(
     corner.ac = float(length[side])
     corner.bc = float(length[after])
     fans.corners[fans.start[tail[side]] + rank[side]] = corner
+    if twin[side] < 0:
+        opening = Corner()
+        opening.a = corner.a
+        opening.b = corner.a
+        opening.x = wp.nan
+        opening.ac = corner.ac
+        opening.bc = corner.ac
+        fans.corners[fans.start[tail[side]]] = opening
 
 
 @wp.kernel

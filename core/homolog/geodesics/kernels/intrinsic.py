@@ -47,9 +47,11 @@ def swap_sides(sides: Sides, length: wp.array(dtype=wp.float64), i: int, j: int)
     twin_j = sides.twin[j]
     if twin_i != j:  # twins of each other stay twins
         sides.twin[i] = twin_j
-        sides.twin[twin_j] = i
         sides.twin[j] = twin_i
-        sides.twin[twin_i] = j
+        if twin_j >= 0:
+            sides.twin[twin_j] = i
+        if twin_i >= 0:
+            sides.twin[twin_i] = j
 
 
 @wp.func
@@ -78,8 +80,10 @@ def flip(sides: Sides, length: wp.array(dtype=wp.float64), h: int):
 def push_edge(
     sides: Sides, side: int, queued: wp.array(dtype=wp.int32), stack: wp.array(dtype=wp.int32), n: int
 ) -> int:
-    """Push the edge of a side unless it is on the stack; return the height of the stack."""
+    """Push the edge of a side unless it is on the stack or at a rim; return the height of the stack."""
     edge = wp.min(side, sides.twin[side])
+    if edge < 0:
+        return n
     if queued[edge] != 0:
         return n
     queued[edge] = 1
@@ -99,7 +103,8 @@ def triangulate_meshes(
 ):
     """Flip edges until the angles opposite to each sum to at most 180 degrees; rank the sides of vertices.
 
-    Ranks are counterclockwise, from the last side that starts at the vertex. Thread (mesh, from `first`).
+    Ranks are counterclockwise, from the last side that starts at the vertex; at a rim, from 1 on the side
+    that lies on it. Thread (mesh, from `first`).
     """
     mesh = first + wp.tid()
     begin = 3 * sides.first_face[mesh]
@@ -114,7 +119,9 @@ def triangulate_meshes(
         h = stack[n]
         queued[h] = 0
         t = sides.twin[h]
-        if h // 3 != t // 3 and opposite_cotangent(length, h) + opposite_cotangent(length, t) < FLAT:
+        if t < 0 or h // 3 == t // 3:  # a flip may have left a side of the rim here
+            continue
+        if opposite_cotangent(length, h) + opposite_cotangent(length, t) < FLAT:
             flip(sides, length, h)
             flips_left -= 1
             n = push_edge(sides, next_side(h), queued, stack, n)
@@ -123,11 +130,14 @@ def triangulate_meshes(
             n = push_edge(sides, next_side(next_side(t)), queued, stack, n)
     for side in range(begin, end):
         sides.start[sides.tail[side]] = side  # the last one
+    for side in range(begin, end):
+        if sides.twin[side] < 0:
+            sides.start[sides.tail[side]] = side
     for last in range(begin, end):
         side = int(last)
         if sides.start[sides.tail[side]] == side:
-            number = int(0)
-            while side != last or number == 0:
+            number = int(wp.where(sides.twin[side] < 0, 1, 0))
+            while side >= 0 and (side != last or number == 0 or sides.twin[side] < 0):
                 rank[side] = number
                 side = sides.twin[next_side(next_side(side))]
                 number += 1

@@ -26,15 +26,16 @@ MAX_VISITS_FOR_REST = 120
 def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: str) -> Any:  # noqa: ANN401
     """Return the `Fans` of checked meshes and their intrinsic triangulations, on a device."""
     centred = np.concatenate([mesh.vertices - mesh.vertices.mean(axis=0) for mesh in meshes])
-    tail = delaunay.sides.tail
-    start = np.append(0, np.cumsum(np.bincount(tail, minlength=len(centred)))).astype(np.int32)
+    tail, twin = delaunay.sides.tail, delaunay.sides.twin
+    owners = np.concatenate([tail, tail[twin < 0]])
+    start = np.append(0, np.cumsum(np.bincount(owners, minlength=len(centred)))).astype(np.int32)
     first = np.repeat(delaunay.sides.first_vertex[:-1], [len(mesh.faces) for mesh in meshes])
     fans = Fans()
-    sides = [wp.array(item, device=device) for item in (tail, delaunay.length, delaunay.rank, first)]
+    sides = [wp.array(item, device=device) for item in (tail, twin, delaunay.length, delaunay.rank, first)]
     fans.position = wp.array(centred.astype(np.float32), dtype=wp.vec3, device=device)
     fans.start = wp.array(start, device=device)
-    fans.corners = wp.empty(len(tail), dtype=Corner, device=device)
-    fans.margin = wp.empty(len(tail), dtype=wp.float32, device=device)
+    fans.corners = wp.empty(len(owners), dtype=Corner, device=device)
+    fans.margin = wp.empty(len(owners), dtype=wp.float32, device=device)
     wp.launch(fill_corners, len(tail), inputs=[*sides, fans], device=device)
     wp.launch(find_margins, len(centred), inputs=[fans], device=device)
     return fans

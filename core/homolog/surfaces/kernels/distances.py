@@ -258,6 +258,20 @@ def closest_points(
 
 
 @wp.kernel
+def find_closest(
+    mesh: wp.uint64,
+    points: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=wp.int32),
+    weights: wp.array(dtype=wp.vec3),
+) -> None:
+    """Face of a mesh and barycentric weights in it of the point closest to each of some points."""
+    i = wp.tid()
+    query = wp.mesh_query_point_no_sign(mesh, points[i], 1.0e30)
+    faces[i] = query.face
+    weights[i] = wp.vec3(query.u, query.v, 1.0 - query.u - query.v)
+
+
+@wp.kernel
 def find_sides(mesh: wp.uint64, points: wp.array(dtype=wp.vec3), inside: wp.array(dtype=wp.bool)) -> None:
     """Whether the winding number of a mesh around points is at least 1/2, at any distance."""
     query = wp.mesh_query_point_sign_winding_number(mesh, points[wp.tid()], _FAR, _ACCURACY)

@@ -1,4 +1,4 @@
-"""Kernels that pair the sides of closed meshes; one thread processes a whole mesh.
+"""Kernels that pair the sides of meshes; one thread processes a whole mesh.
 
 Side 3f + k starts at corner k of face f. Faces and vertices are numbered consecutively over all meshes.
 """
@@ -28,7 +28,7 @@ class Sides:
     first_vertex: wp.array(dtype=wp.int32)  # (S + 1,) first vertex of each mesh, and the total number
     first_face: wp.array(dtype=wp.int32)  # (S + 1,)
     tail: wp.array(dtype=wp.int32)  # (3F,) start vertex of each side, numbered over all meshes
-    twin: wp.array(dtype=wp.int32)  # (3F,) the same edge in the neighbouring face
+    twin: wp.array(dtype=wp.int32)  # (3F,) the same edge in the neighbouring face, -1 at a rim
     start: wp.array(dtype=wp.int32)  # (N,) first entry of each vertex in `leaving`
     leaving: wp.array(dtype=wp.int32)  # (3F,) sides by tail
 
@@ -68,10 +68,10 @@ def sort_by_tail(sides: Sides, mesh: int):
 
 
 @wp.kernel
-def pair_sides(first: int, faces: wp.array(dtype=wp.int32), sides: Sides, is_closed: wp.array(dtype=bool)):
+def pair_sides(first: int, faces: wp.array(dtype=wp.int32), sides: Sides, is_paired: wp.array(dtype=bool)):
     """Find the twins of all sides; thread (mesh, counted from `first`).
 
-    A mesh is closed, edge-manifold and oriented if every side has exactly one opposite side.
+    A mesh is edge-manifold and oriented if every side occurs once, and has at most one opposite side.
     """
     mesh = first + wp.tid()
     begin = 3 * sides.first_face[mesh]
@@ -79,18 +79,24 @@ def pair_sides(first: int, faces: wp.array(dtype=wp.int32), sides: Sides, is_clo
     for side in range(begin, end):
         sides.tail[side] = faces[side] + sides.first_vertex[mesh]
     sort_by_tail(sides, mesh)
-    closed = bool(True)
+    paired = bool(True)
     for side in range(begin, end):
         head = sides.tail[next_side(side)]
         matches = int(0)
+        sides.twin[side] = -1
         for k in range(sides.start[head], leaving_end(sides, mesh, head)):
             other = sides.leaving[k]
             if sides.tail[next_side(other)] == sides.tail[side]:
                 sides.twin[side] = other
                 matches += 1
-        if matches != 1 or head == sides.tail[side]:
-            closed = False
-    is_closed[mesh] = closed
+        if matches == 0:  # at a rim, where the same side may occur twice
+            for k in range(sides.start[sides.tail[side]], leaving_end(sides, mesh, sides.tail[side])):
+                other = sides.leaving[k]
+                if other != side and sides.tail[next_side(other)] == head:
+                    paired = False
+        if matches > 1 or head == sides.tail[side]:
+            paired = False
+    is_paired[mesh] = paired
 
 
 @wp.func
@@ -100,39 +106,15 @@ def has_area(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, flattest: wp.float64) -> boo
     return wp.length(wp.cross(b - a, c - a)) > flattest * longest
 
 
-@wp.func
-def count_connected(
-    sides: Sides, mesh: int, seen: wp.array(dtype=wp.int32), queue: wp.array(dtype=wp.int32)
-) -> int:
-    """Return the number of vertices that edges connect with the first one."""
-    begin = sides.first_vertex[mesh]
-    queue[begin] = begin
-    seen[begin] = 1
-    head = begin
-    tail = begin + 1
-    while head < tail:
-        vertex = queue[head]
-        head += 1
-        for k in range(sides.start[vertex], leaving_end(sides, mesh, vertex)):
-            other = sides.tail[next_side(sides.leaving[k])]
-            if seen[other] == 0:
-                seen[other] = 1
-                queue[tail] = other
-                tail += 1
-    return tail - begin
-
-
 @wp.kernel
 def check_meshes(
     first: int,
     sides: Sides,
     position: wp.array(dtype=wp.vec3d),
     flattest: wp.float64,
-    seen: wp.array(dtype=wp.int32),
-    queue: wp.array(dtype=wp.int32),
     is_sound: wp.array(dtype=bool),
 ):
-    """Check faces, fans of vertices and connections of closed meshes; thread (mesh, counted from `first`)."""
+    """Check faces and fans of vertices of meshes; thread (mesh, counted from `first`)."""
     mesh = first + wp.tid()
     if not is_sound[mesh]:
         return
@@ -148,15 +130,18 @@ def check_meshes(
         if degree == 0:
             sound = False
         else:
-            side = sides.leaving[sides.start[vertex]]
+            begin = int(sides.leaving[sides.start[vertex]])
+            for k in range(sides.start[vertex], leaving_end(sides, mesh, vertex)):
+                if sides.twin[sides.leaving[k]] < 0:
+                    begin = sides.leaving[k]
+            side = int(begin)
             turned = int(0)
-            while turned == 0 or (side != sides.leaving[sides.start[vertex]] and turned <= degree):
+            while side >= 0 and (turned == 0 or side != begin) and turned <= degree:
                 side = sides.twin[next_side(next_side(side))]
                 turned += 1
             if turned != degree:
                 sound = False
-    n_vertices = sides.first_vertex[mesh + 1] - sides.first_vertex[mesh]
-    is_sound[mesh] = sound and count_connected(sides, mesh, seen, queue) == n_vertices
+    is_sound[mesh] = sound
 
 
 @wp.kernel
@@ -183,7 +168,9 @@ def find_reach(
     distance: wp.array(dtype=wp.float64),
     reach: wp.array(dtype=wp.float64),
 ):
-    """Find the longest of all shortest paths along edges from the first vertex; thread (mesh, from `first`).
+    """Find the longest of all shortest paths along edges from the first vertex of each piece.
+
+    Thread (mesh, from `first`).
 
     The Bellman-Ford algorithm with a queue that contains each vertex at most once.
     """
@@ -193,25 +180,29 @@ def find_reach(
     for vertex in range(begin, begin + n):
         distance[vertex] = wp.float64(1.0e300)
         waiting[vertex] = 0
-    distance[begin] = wp.float64(0.0)
-    queue[begin] = begin
-    waiting[begin] = 1
     head = int(0)
-    length = int(1)
-    while length > 0:
-        vertex = queue[begin + head]
-        head = wp.where(head + 1 == n, 0, head + 1)
-        length -= 1
-        waiting[vertex] = 0
-        for k in range(sides.start[vertex], leaving_end(sides, mesh, vertex)):
-            other = sides.tail[next_side(sides.leaving[k])]
-            there = distance[vertex] + wp.length(position[vertex] - position[other])
-            if there < distance[other]:
-                distance[other] = there
-                if waiting[other] == 0:
-                    waiting[other] = 1
-                    queue[begin + (head + length) % n] = other
-                    length += 1
+    length = int(0)
+    for seed in range(begin, begin + n):
+        if distance[seed] == wp.float64(1.0e300):
+            distance[seed] = wp.float64(0.0)
+            queue[begin] = seed
+            waiting[seed] = 1
+            head = int(0)
+            length = int(1)
+            while length > 0:
+                vertex = queue[begin + head]
+                head = wp.where(head + 1 == n, 0, head + 1)
+                length -= 1
+                waiting[vertex] = 0
+                for k in range(sides.start[vertex], leaving_end(sides, mesh, vertex)):
+                    other = sides.tail[next_side(sides.leaving[k])]
+                    there = distance[vertex] + wp.length(position[vertex] - position[other])
+                    if there < distance[other]:
+                        distance[other] = there
+                        if waiting[other] == 0:
+                            waiting[other] = 1
+                            queue[begin + (head + length) % n] = other
+                            length += 1
     farthest = wp.float64(0.0)
     for vertex in range(begin, begin + n):
         farthest = wp.max(farthest, distance[vertex])
