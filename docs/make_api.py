@@ -10,6 +10,7 @@ from typing import Any
 import homolog as hl
 from homolog.cohort import Subject
 from homolog.comparison.formula import Differences
+from homolog.comparison.plan import Power, Stability
 from homolog.parameters import parameters
 from homolog.patient import Percentile, Region
 from homolog.settings import GroomSettings, OptimizeSettings
@@ -20,13 +21,14 @@ from homolog.statistics.discriminant import Discriminant
 from homolog.statistics.effects import Effect
 from homolog.statistics.mode_test import ModeTest
 from homolog.statistics.pointwise_test import PointwiseTest
+from homolog.statistics.relative_pose import Components, RelativePoses
 
 PAGE = Path(__file__).with_name("api.md")
 
 GROUPS: dict[str, list[Any]] = {
     "Shapes": [hl.read_cohort, hl.Cohort, Subject, hl.read_mesh, hl.write_mesh, hl.TriangleMesh],
     "Correspondence": [hl.correspond, hl.Correspondence, hl.Project],
-    "Shape model": [hl.ShapeModel],
+    "Shape model": [hl.ShapeModel, RelativePoses, Components],
     "Group differences": [
         hl.compare_groups,
         hl.regress,
@@ -43,6 +45,7 @@ GROUPS: dict[str, list[Any]] = {
         Discriminant,
     ],
     "Questions to projects, and reports": [hl.analyze, hl.StudyAnswer, hl.report],
+    "Planning": [hl.plan, hl.Plan, Power, Stability],
     "One patient": [
         hl.make_reference,
         hl.Reference,

@@ -21,10 +21,12 @@ if TYPE_CHECKING:
     from homolog.api.compare import compare, compare_groups, regress
     from homolog.api.correspond import Correspondence, correspond
     from homolog.api.patient import compare_patient, make_reference
+    from homolog.api.plan import plan
     from homolog.api.project import Project
     from homolog.api.report import report
     from homolog.cohort import Cohort, read_cohort
     from homolog.comparison.formula import FormulaAnswer
+    from homolog.comparison.plan import Plan
     from homolog.comparison.project import StudyAnswer
     from homolog.errors import Cancelled, InputError, NumericalError
     from homolog.geodesics import geodesic_distances
@@ -44,6 +46,7 @@ __all__ = [
     "InputError",
     "NumericalError",
     "PatientComparison",
+    "Plan",
     "Project",
     "Reference",
     "ShapeModel",
@@ -56,6 +59,7 @@ __all__ = [
     "correspond",
     "geodesic_distances",
     "make_reference",
+    "plan",
     "read_cohort",
     "read_mesh",
     "regress",
@@ -74,6 +78,7 @@ _HOMES = {
     "InputError": "errors",
     "NumericalError": "errors",
     "PatientComparison": "patient.compare",
+    "Plan": "comparison.plan",
     "Project": "api.project",
     "Reference": "patient.reference",
     "ShapeModel": "statistics.shape_model",
@@ -86,6 +91,7 @@ _HOMES = {
     "correspond": "api.correspond",
     "geodesic_distances": "geodesics",
     "make_reference": "api.patient",
+    "plan": "api.plan",
     "read_cohort": "cohort",
     "read_mesh": "io.meshes",
     "regress": "api.compare",

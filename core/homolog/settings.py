@@ -238,7 +238,7 @@ class GroomSettings(_Settings):
     ] = 3.0
     alignment: Annotated[
         Alignment,
-        Field(description="Rigid alignment: none, centre of mass, principal axes, or ICP to a medoid shape."),
+        Field(description="Rigid alignment: none, centre of mass, principal axes, or closest points (ICP)."),
     ] = Alignment.ICP
     mirror: Annotated[
         Mirror,

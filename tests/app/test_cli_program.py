@@ -116,3 +116,27 @@ def test_free_memory_obeys_the_limit_of_the_process():
         "(2 * 10**9, 2 * 10**9)); print(free_memory())"
     )
     assert 0 < int(run("-c", program).stdout) < 2e9
+
+
+def test_a_picture_is_drawn_without_what_only_window_and_films_need(finished_run, tmp_path):
+    program = """
+import sys
+
+class Missing:
+    def find_spec(self, name, *_):
+        if name.partition(".")[0] in ("PySide6", "pyvista", "pyvistaqt", "imageio_ffmpeg"):
+            raise ModuleNotFoundError(name, name=name)
+
+sys.meta_path.insert(0, Missing())
+from homolog_app.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+    project, picture = str(finished_run.folder), tmp_path / "mean.png"
+    done = run("-c", program, "export", "still", project, "--out", str(picture), "--progress", "none")
+    assert done.returncode == 0, done.stderr
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    done = run(
+        "-c", program, "export", "film", project, "--out", str(tmp_path / "mean.mp4"), "--progress", "none"
+    )
+    assert done.returncode == 2
+    assert "imageio_ffmpeg is not installed" in done.stderr

@@ -38,6 +38,7 @@ _COMMANDS = {
     "sample": ("samples", "generate a sample study with known truth"),
     "beans": ("samples", "generate the paper's coffee-bean cohort"),
     "analyze": ("analysis", "compare groups, regress on a variable, compare pairs"),
+    "plan": ("plan", "plan a study of two groups from a pilot: power, needed numbers, stability"),
     "check": ("analysis", "list places where the correspondence may be wrong, and repair them"),
     "report": ("analysis", "write a report on a project's model and studies (HTML, PDF)"),
     "reference": ("patient", "freeze a project's controls as a reference for single patients"),

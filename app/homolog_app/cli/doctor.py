@@ -93,7 +93,7 @@ def _kernels() -> Finding:
 
 
 def _opengl() -> Finding:
-    remedy = "install OpenGL: apt install libgl1 libegl1, or start under xvfb-run"
+    remedy = "the window needs it: apt install libgl1 libegl1"
     return _probed("OpenGL", _OPENGL, "draws", "does not draw", remedy)
 
 

@@ -324,10 +324,10 @@ def _adds_particles(
         new = new_subjects(result, cohort, settings)
         if new and not arguments.restart:
             files = " ".join(quote(str(subject.path)) for subject in new[:_SHOWN_FILES])
-            more = " …" if len(new) > _SHOWN_FILES else ""
+            rest = " …" if len(new) > _SHOWN_FILES else ""
             sys.stderr.write(
                 f"homolog: to keep it and only add the {len(new)} new: homolog run "
-                f"{quote(str(project.folder))} --fit {files}{more}\n"
+                f"{quote(str(project.folder))} --fit {files}{rest}\n"
             )
         return False
     more = settings.optimize.particles - result.particles

@@ -138,7 +138,7 @@ def static_motion(result: Result) -> Motion:
 def _warp(result: Result, displacements: FloatArray) -> FloatArray:
     """Return displacements (K, V, 3) of the mean surface for those of the mean particles (K, N, 3) [mm]."""
     mean = result.world.mean(axis=0)
-    return warp_surface(mean, result.mean_surface.vertices, displacements, result.smoothing)
+    return warp_surface(mean, result.mean_surface.vertices, displacements, result.smoothing, result.pieces)
 
 
 def _signed(amount: float) -> str:

@@ -309,8 +309,8 @@ def _map_caption(study: Answer, comparison: Comparison, limit: float, clip: Clip
         "pairs": "mean difference",
     }
     return (
-        f"{comparison.title}: {what[study.question.kind]}, outward, colours to ±{limit:g} mm; pale where p > "
-        f"{LEVEL:g} (corrected over the surface), saturated and outlined where not.{_cut_text(clip)}"
+        f"{comparison.title}: {what[study.question.kind]}, outward, to ±{limit:g} mm; pale where p > "
+        f"{LEVEL:g} (corrected), else outlined.{_cut_text(clip)}"
     )
 
 

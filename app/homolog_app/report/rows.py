@@ -120,14 +120,14 @@ def anova(answers: Sequence[Answer]) -> Iterator[tuple[str, ...]]:
                 if row.f is None or row.z is None or row.p is None
                 else (f"{row.f:.2f}", f"{row.z:.2f}", p_number(row.p, answer.question.permutations))
             )
-            yield str(number), row.term, str(row.dof), f"{row.squares:.4g}", f"{row.r_squared:.3f}", *tested
+            yield str(number), row.term, str(row.dof), f"{row.squares:.5g}", f"{row.r_squared:.3f}", *tested
 
 
 def apart(answers: Sequence[Answer]) -> Iterator[tuple[str, ...]]:
     """Yield the differences of means and slopes of each formula."""
     for number, answer in enumerate(answers, start=1):
         for row in difference_rows(answer) if isinstance(answer, FormulaAnswer) else ():
-            yield str(number), *row
+            yield str(number), *(cell or _NONE for cell in row)
 
 
 def regions(answers: Sequence[Answer], carrier: SurfaceCarrier) -> Iterator[tuple[str, ...]]:

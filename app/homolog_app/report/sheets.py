@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from homolog import __version__
 from homolog.arrays import Array
 from homolog.io.atomic import atomic_write
 from homolog_app.rendering.text import complete_texts, shortened, typeset
@@ -66,7 +65,7 @@ class Sheet:
 
     def foot(self, number: int, pages: int) -> None:
         """Write the page number at the bottom."""
-        foot = f"{NOTICE} Homolog {__version__}. Page {number} of {pages}"
+        foot = f"{NOTICE} Page {number} of {pages}"
         self.figure.text(0.5, 0.35 / _HIGH, foot, ha="center", fontsize=7)
 
     def text(self, content: str, size: float = 8.5, *, bold: bool = False, colour: str = "#1a1a1e") -> None:

@@ -176,8 +176,8 @@ def _answered(
             spread = spread_text(read_spread(folder_of(project, stored.question), record.fingerprint, answer))
         except InputError as error:
             spread = [str(error)]
-        located = findings(answer, carrier)
-        studies.append(_Study(len(studies) + 1, answer, located, stored.is_primary, " ".join(spread)))
+        sentences = findings(answer, carrier)
+        studies.append(_Study(len(studies) + 1, answer, sentences, stored.is_primary, " ".join(spread)))
     return studies, lost
 
 

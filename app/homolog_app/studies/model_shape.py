@@ -239,7 +239,7 @@ def placement(of: ModelShape, beside: ModelShape) -> FloatArray:
 
 def _carried(result: Result, displacements: FloatArray) -> Float32Array:
     mean, vertices = result.world.mean(axis=0), result.mean_surface.vertices
-    return warp_surface(mean, vertices, displacements, result.smoothing).astype(np.float32)
+    return warp_surface(mean, vertices, displacements, result.smoothing, result.pieces).astype(np.float32)
 
 
 def _corners(faces: IntArray, vertices: int) -> "sparse.csr_array":

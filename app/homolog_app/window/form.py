@@ -36,7 +36,7 @@ _LABELS = {
     "geodesic": "Geodesics only",
     "normals": "Normals only",
     "euclidean": "Euclidean (Cates et al.)",
-    "icp": "ICP to a medoid shape",
+    "icp": "Closest points (ICP)",
     "axes": "Principal axes",
     "center": "Centre of mass",
     "none": "None",

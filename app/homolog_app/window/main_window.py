@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QEvent, QMimeData, QObject, QSize, Qt, Signal, Slot
-from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QKeyEvent, QResizeEvent
+from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QHelpEvent, QKeyEvent, QResizeEvent
 from PySide6.QtOpenGLWidgets import QOpenGLWidget
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
     QScrollArea,
     QStackedWidget,
     QTabBar,
+    QToolTip,
     QVBoxLayout,
     QWidget,
 )
@@ -29,6 +30,7 @@ from homolog_app.window.explore.page import OverviewPage
 from homolog_app.window.explore.panel import PAGE_COMMANDS, ExploreController, ExplorePanel
 from homolog_app.window.explore.patient_page import PatientPage
 from homolog_app.window.export.controller import ExportController
+from homolog_app.window.glossary import explanation, text_of
 from homolog_app.window.groom_panel import GroomPanel
 from homolog_app.window.help import HelpController, Tour
 from homolog_app.window.project_controller import ProjectController
@@ -45,6 +47,7 @@ if TYPE_CHECKING:
 __all__ = ["Docks", "Inspector", "MainWindow"]
 
 _INSPECTOR, _FLATTEST, _LOW = 452, 192, 900  # pixels
+_INSPECTOR_SHARE = 0.3  # largest initial width: with plots folded the shapes have half of 1280 x 800 pixels
 _WIDTH_SHARE, _HEIGHT_SHARE, _WIDEST = 0.25, 0.22, 540
 """Smallest fractions of a large window for inspector and plots; largest minimum width of the inspector."""
 _SIZE, _FRAME = QSize(1440, 900), QSize(8, 40)  # initial size, and size of the system's frame [pixels]
@@ -128,7 +131,8 @@ class Docks(QObject):
                 self._plots.addWidget(page.plots)
         window.tabifyDockWidget(self._curves_dock, self._plots_dock)
         window.tabifyDockWidget(self._curves_dock, self._log_dock)
-        window.resizeDocks([self._inspector_dock], [scaled(_INSPECTOR)], Qt.Orientation.Horizontal)
+        width = min(scaled(_INSPECTOR), round(_INSPECTOR_SHARE * window.width()))
+        window.resizeDocks([self._inspector_dock], [width], Qt.Orientation.Horizontal)
         self._log_dock.visibilityChanged.connect(lambda shown: commands["view.log"].setChecked(shown))
         workspace.session.result_changed.connect(self._show_result)
 
@@ -330,22 +334,29 @@ class MainWindow(QMainWindow):
         event.accept()
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
-        """Accept files and folders while no job is running."""
-        if (
-            _dropped_paths(event.mimeData())
-            and not self.workspace.session.job.is_busy
-            and self.views is not None
-        ):
-            event.acceptProposedAction()
+        """Accept everything; `dropEvent` says what can't be used."""
+        event.acceptProposedAction()
 
     def dropEvent(self, event: QDropEvent) -> None:
-        """Open or add what was dropped."""
+        """Open or add what was dropped, or say why not."""
         event.acceptProposedAction()
-        paths = _dropped_paths(event.mimeData())
-        if self.workspace.session.step == "explore" and self.exploring.drop_files(paths):
+        session, paths = self.workspace.session, _dropped_paths(event.mimeData())
+        if not paths or session.job.is_busy or self.views is None:
+            busy = "Something is being computed; wait for it or cancel it, then drop this again"
+            session.noticed.emit(busy if paths else "Drop files or folders of this machine")
+            return
+        if session.step == "explore" and self.exploring.drop_files(paths):
             return
         if self.views is None or not self.views.scans.offer(paths, event.position().toPoint()):
             self.projects.open_paths(paths)
+
+    def event(self, event: QEvent) -> bool:
+        """Explain technical words of a text under the pointer that has no help of its own."""
+        if isinstance(event, QHelpEvent) and event.type() == QEvent.Type.ToolTip:
+            text = explanation(text_of(self.childAt(event.pos())))
+            QToolTip.showText(event.globalPos(), text, self) if text else QToolTip.hideText()
+            return True
+        return super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Let Enter press the button that has the focus, as the space bar does."""

@@ -26,6 +26,7 @@ __all__ = ["BACKGROUND", "PAGE_OF_JOB", "Job", "Session"]
 PAGE_OF_JOB = {
     "groups": "Groups",
     "seeds": "Groups",
+    "plan": "Groups",
     "mend": "Check",
     "reference": "Patient",
     "patient": "Patient",

@@ -436,7 +436,7 @@ def _comparisons(
     """Return the comparison for one alignment, or one for each of several."""
     requested = questions((alignment,) if isinstance(alignment, str) else tuple(alignment), **question)
     tick, done = tick_of(callback), list[Comparison]()
-    for index, wanted in enumerate(requested):
-        answer = ask(sample, wanted, part_of(tick, index / len(requested), (index + 1) / len(requested)))
+    for index, item in enumerate(requested):
+        answer = ask(sample, item, part_of(tick, index / len(requested), (index + 1) / len(requested)))
         done.append(replace(answer.overall, pairwise=answer.pairwise, notes=answer.notes))
     return done[0] if isinstance(alignment, str) else tuple(done)

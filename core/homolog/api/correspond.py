@@ -267,6 +267,11 @@ def correspond(
     >>> model = hl.ShapeModel().fit(result.aligned, names=result.names)  # doctest: +SKIP
     """
     chosen = run_settings(dict(settings), n_particles, device, workers)
+    if chosen.groom.structures is not None:
+        raise InputError(
+            f"{chosen.groom.structures}: several structures are modelled together in a project: run it from "
+            "the command line or the window, and open it as Project"
+        )
     alias = choose_device(device)
     cohort, sources = cohort_of(shapes, voxel_size, chosen.groom)
     if len(cohort.subjects) < 2:

@@ -1,10 +1,13 @@
 """A finished project folder, opened."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
 from pydantic import ValidationError
 
 from homolog.api.mean_shape import HasMeanShape, MeanShape
@@ -17,6 +20,7 @@ from homolog.io.report_details import Axes, ReportDetails, read_details, write_d
 from homolog.io.results import read_result, read_surface
 from homolog.parameters import fault_text
 from homolog.settings import RunSettings
+from homolog.statistics.relative_pose import RelativePoses, relative_poses
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Project"]
@@ -88,6 +92,43 @@ class Project(HasMeanShape):
         """Return a one-line summary."""
         subjects, count = self.particles.shape[:2]
         return f"Project({str(self.folder)!r}: {count} particles on {subjects} subjects)"
+
+    @property
+    def structures(self) -> dict[str, Project]:
+        """Of a model of several structures, the project of each alone, by name; empty for a single one."""
+        return {
+            item.name: Project(self._folder.structure(item.name).folder) for item in self._record.structures
+        }
+
+    def relative_poses(self, reference: str | None = None) -> RelativePoses:
+        """Return how the structures lie to each other, apart from their shapes.
+
+        Parameters
+        ----------
+        reference : str, optional
+            Structure from which the others are seen; by default the first.
+
+        Raises
+        ------
+        InputError
+            If the model has a single structure, or none of this name.
+
+        Examples
+        --------
+        Test whether the pose of a tibia differs between groups, with the tests for shapes:
+
+        >>> poses = project.relative_poses("femur")  # doctest: +SKIP
+        >>> hl.compare_groups(poses.moved("tibia"), project.groups, alignment="as-it-lies")  # doctest: +SKIP
+        """
+        names = [item.name for item in self._record.structures]
+        if not names or (reference is not None and reference not in names):
+            listed = ", ".join(names) or "there is a single structure"
+            raise InputError(
+                f"{self.folder}: relative poses need another structure than {reference}: {listed}"
+            )
+        ends = np.cumsum([item.particles for item in self._record.structures])[:-1]
+        own = np.split(self.aligned, ends, axis=1)
+        return relative_poses(own, names, names.index(reference or names[0]))
 
     @property
     def details(self) -> ReportDetails:

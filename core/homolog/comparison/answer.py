@@ -18,7 +18,7 @@ from homolog.statistics.anova import unequal_slopes
 from homolog.statistics.comparison import Comparison, prepare_shapes
 from homolog.statistics.covariates import with_covariate_effects, with_unadjusted
 from homolog.statistics.data_notes import PARTNER_MISSING, exclusion_notes, repeated_notes, spelling_notes
-from homolog.statistics.design import covariate_columns, make_design, numbers, shorthand
+from homolog.statistics.design import covariate_columns, make_design, numbers, refuse_repeated, shorthand
 from homolog.statistics.studies import (
     compare_groups,
     compare_pairs,
@@ -183,7 +183,9 @@ def ask_groups(sample: Sample, question: Question, tick: Tick = no_tick) -> Answ
     if question.kind != "pairs":
         persons = sample.texts(_PERSON) if _PERSON in sample.columns else list(sample.names)
         compared = {sample.names[index]: persons[index] for index in overall.subjects.tolist()}
-        notes += repeated_notes({name: person or name for name, person in compared.items()})
+        notes += repeated_notes({name: person or name for name, person in compared.items()}) or _repeated(
+            sample, question, overall.subjects
+        )
     others = _others(sample, question, overall, labels, left_out)
     return Answer(
         question,
@@ -215,6 +217,21 @@ def steps_of(variables: Mapping[str, FloatArray]) -> dict[str, float]:
     """Return the power of ten nearest the standard deviation of each variable that has one."""
     spreads = {name: float(values.std(ddof=1)) for name, values in variables.items()}
     return {name: float(10.0 ** round(np.log10(spread))) for name, spread in spreads.items() if spread > 0.0}
+
+
+def _repeated(sample: Sample, question: Question, members: IntArray) -> list[str]:
+    """Return a caution if a column that is not used names subjects of several rows."""
+    table = {name: [sample.texts(name)[index] for index in members.tolist()] for name in sample.columns}
+    used = {question.column, *(category_of(name, sample.columns)[0] for name in question.covariates)}
+    try:
+        refuse_repeated(
+            [sample.names[index] for index in members.tolist()],
+            {name: own for name, own in table.items() if name not in used},
+            {name: own for name, own in table.items() if name in used},
+        )
+    except InputError as error:
+        return [f"{str(error)[:1].upper()}{str(error)[1:]}."]
+    return []
 
 
 def _slope_notes(sample: Sample, question: Question, overall: Comparison, shapes: FloatArray) -> list[str]:

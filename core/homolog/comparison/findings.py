@@ -32,8 +32,8 @@ __all__ = [
 ]
 
 CONTROLS = (
-    "Family-wise error 5 %: in 95 % of cohorts no particle is found by chance. False discovery rate 5 %: one "
-    "in 20 of those found is due to chance, on average."
+    "Family-wise error 5 %: in 95 % of cohorts no particle is found by chance. False discovery rate 5 %: on "
+    "average one in 20 found is."
 )
 """What both counts of particles control."""
 POWER = 0.8
@@ -321,8 +321,10 @@ def _place(answer: Answer, comparison: Comparison, place: Place) -> str:
     verb = "change" if step_of(answer, comparison.title)[1] else "differ"
     noun = f"{place.particles} particles"
     likely = f"{place.likely} at a false discovery rate of 5 %"
+    if place.certain <= 1:
+        verb = f"{verb}s"
     if not place.certain:
-        return f"none of {noun} {verb}s (family-wise error 5 %), {likely}."
+        return f"none of {noun} {verb} (family-wise error 5 %), {likely}."
     sentence = (
         f"{place.certain} of {noun} {verb}, {place.percent:.1f} % of the surface (family-wise error 5 %), "
         f"{likely}."
@@ -336,12 +338,12 @@ def _sees(answer: Answer, comparison: Comparison, seen: Seen) -> str:
     step, per = step_of(answer, comparison.title)
     parts = []
     if seen.whole is not None:
-        parts.append(f"{step * seen.whole:.2g} mm{per} of the whole shape (root mean square)")
+        parts.append(f"{step * seen.whole:.2g} mm over the whole shape")
     if seen.displacement is not None and np.isfinite(seen.displacement):
-        parts.append(f"{step * seen.displacement:.2g} mm{per} at a typical particle")
+        parts.append(f"{step * seen.displacement:.2g} mm at a particle")
     if not parts:
         return ""
-    return f"four of five such cohorts show {' or '.join(parts)}."
+    return f"four of five such cohorts show {' or '.join(parts)}{per}."
 
 
 def covariate_rows(answer: Answer) -> Iterator[tuple[str, ...]]:

@@ -10,7 +10,7 @@ import numpy as np
 from homolog.arrays import FloatArray, IntArray
 from homolog.cohort.column_types import CATEGORY, plain_name
 from homolog.comparison.answer import Answer, TextTable, column_notes, steps_of, surface_areas
-from homolog.comparison.findings import answer_text, findings
+from homolog.comparison.findings import answer_text, effect_text, findings, step_of
 from homolog.comparison.question import Question
 from homolog.comparison.sample import LOG_SIZE, SHAPE_SIZE, SIZE, Sample
 from homolog.errors import InputError
@@ -229,14 +229,14 @@ def difference_rows(answer: FormulaAnswer) -> Iterator[tuple[str, str, str]]:
     """Yield each difference: its name; its length in mm, D, p; that of size, if it was tested."""
     draws = answer.question.permutations
     for family in answer.differences:
-        per = "" if family.number is None else f" per unit of {family.number}"
+        step, per = step_of(answer, family.number or "")
         for item in family.each:
             far, size = item.distance, item.size
-            d = f" (D = {far.value:.2g}, 90 % CI {far.low:.2g} to {far.high:.2g})" if far else ""
-            larger = f"{size.value:+.2g} mm (95 % CI {size.low:.2g} to {size.high:.2g})" if size else ""
+            d = f", D = {effect_text(far, ci='90 % CI ', step=step)}" if far else ""
+            larger = effect_text(size, " mm", ci="95 % CI ", step=step, sign=True) if size else ""
             name = family.of if item.name == family.number else f"{family.of}: {item.name}"
             p = p_text(item.p_adjusted, draws)
-            yield name, f"{item.length:.2g} mm{d}{per}, {p}", larger and f"size {larger}{per}"
+            yield name, f"{step * item.length:.2g} mm{d}{per}, {p}", larger and f"size {larger}{per}"
 
 
 def _aligned_lines(rows: Sequence[AnovaRow]) -> list[str]:

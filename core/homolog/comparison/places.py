@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
@@ -126,9 +127,13 @@ class SurfaceCarrier:
     def of(cls, result: Result, directions: Directions = PATIENT_AXES) -> "SurfaceCarrier":
         """Prepare the mean surface of a result, with the names of directions."""
         mean = result.world.mean(axis=0)
-        centres = farthest_points(mean, MOST_CENTRES)
-        vertices = result.mean_surface.vertices
-        operator = thin_plate_operator(mean[centres], vertices, smoothing=result.smoothing[centres])
+        vertices, smoothing = result.mean_surface.vertices, result.smoothing
+        chosen, blocks = [], []
+        for own, near in result.pieces or ((slice(0, len(mean)), slice(0, len(vertices))),):
+            chosen.append(own.start + farthest_points(mean[own], MOST_CENTRES))
+            some = mean[chosen[-1]], vertices[near]
+            blocks.append(thin_plate_operator(*some, smoothing=smoothing[chosen[-1]]))
+        centres, operator = np.concatenate(chosen), block_diag(*blocks)
         nearest = nearest_particles(result.mean_surface, mean)
         return cls(result.mean_surface, operator, centres, nearest, directions)
 

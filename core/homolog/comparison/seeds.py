@@ -31,6 +31,7 @@ __all__ = [
     "answer_by_seed",
     "level_of",
     "read_spread",
+    "results_of_seeds",
     "spread_text",
     "stored_seeds",
     "write_spread",
@@ -308,6 +309,13 @@ def stored_seeds(project: ProjectFolder) -> int:
     while _is_stored(project, record, record.settings.optimize.seed + count):
         count += 1
     return count
+
+
+def results_of_seeds(project: ProjectFolder) -> list[Result]:
+    """Return the stored results of other seeds than the result's own."""
+    record = project.read().result
+    first = 0 if record is None else record.settings.optimize.seed
+    return [read_result(_place(project, first + number)) for number in range(1, stored_seeds(project))]
 
 
 def _with_table(again: Result, result: Result) -> Result:

@@ -88,6 +88,11 @@ class Result:
     parts: tuple[Part, ...] = ()
 
     @property
+    def pieces(self) -> tuple[tuple[slice, slice], ...]:
+        """Particles and vertices of the mean surface of each of several structures."""
+        return tuple((part.particles, part.vertices) for part in self.parts)
+
+    @property
     def mirrored(self) -> int:
         """Number of mirrored subjects."""
         return int(mirrors(self.alignments).sum())

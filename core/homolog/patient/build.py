@@ -87,6 +87,9 @@ def make_reference(
     record = project.read().result
     if record is None:
         raise InputError(f"{project.folder}: has no result; run it first")
+    if record.structures:
+        alone = project.structure(record.structures[0].name).folder
+        raise InputError(f"{project.folder}: has several structures; make a reference of each alone: {alone}")
     if record.ended == IMPORTED:
         raise InputError(
             f"{project.folder}: its model was imported, and the grooming of its surfaces is "

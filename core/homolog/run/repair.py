@@ -65,6 +65,9 @@ def inspect_project(
     """
     result, record = read_result(project), project.read().result
     assert record is not None, "a result was read"
+    if record.structures:
+        own = project.structure(record.structures[0].name).folder
+        raise InputError(f"{project.folder}: has several structures; check each alone: {own}")
     meshes = [read_surface(project, subject) for subject in record.subjects]
     if record.ended == IMPORTED:
         _check_surfaces(result.names, meshes)

@@ -23,9 +23,10 @@ from homolog.io.tables import write_table
 from homolog.memory import OnDemand
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.fingerprints import surface_hash, versions
-from homolog.run.shape_files import surface_of_shapes, write_model, write_surfaces
+from homolog.run.shape_files import surface_of_shapes, write_model, write_poses, write_surfaces
 from homolog.settings import Mirror, RunSettings
 from homolog.statistics.reconstruction import MeanSurface
+from homolog.statistics.relative_pose import relative_poses
 from homolog.statistics.shape_model import ShapeModel
 from homolog.threads import blas_threads, cores, in_threads
 
@@ -195,6 +196,12 @@ def write_result(
         _write_subjects(new, project, outcome, stems, part_of(tick, 0.0, 0.6))
         tick(0.6, "shape model")
         write_model(new, inputs.cohort, model)
+        if inputs.parts:
+            names = list(inputs.parts)
+            reference = inputs.settings.optimize.align_by or names[0]
+            own = np.split(outcome.world, len(names), axis=1)
+            poses = relative_poses(own, names, names.index(reference))
+            write_poses(new, [shape.name for shape in inputs.shapes], poses)
         write_surfaces(new, model, surface, part_of(tick, 0.7, 0.8))
         surfaces = OnDemand(
             len(inputs.shapes), lambda index: inputs.shapes[index].mesh.placed(outcome.alignments[index])

@@ -16,11 +16,12 @@ from homolog.io.tables import write_table
 from homolog.memory import OnDemand
 from homolog.progress import Tick, no_tick, part_of
 from homolog.statistics.reconstruction import MeanSurface, mean_surface, medoid, warp_surface
+from homolog.statistics.relative_pose import RelativePoses
 from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import cores, in_threads
 
-__all__ = ["surface_of_model", "surface_of_shapes", "write_model", "write_surfaces"]
+__all__ = ["surface_of_model", "surface_of_shapes", "write_model", "write_poses", "write_surfaces"]
 
 _SHOWN_SHARE = 0.95
 _LEAST_SHOWN, _MOST_SHOWN = 3, 5
@@ -141,6 +142,45 @@ def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:
         ([row // 3, "xyz"[row % 3], *values] for row, values in enumerate(flat)),
     )
     write_particles(new.model / "mean.particles", model.mean_)
+
+
+def write_poses(new: ProjectFolder, names: Sequence[str], poses: RelativePoses) -> None:
+    """Write how structures lie to each other in M named subjects, and components of pose and shape."""
+    xyz = [
+        *(f"rotation_{axis}_deg" for axis in "xyz"),
+        *(f"translation_{axis}_mm" for axis in "xyz"),
+    ]
+    write_table(
+        new.model / "pose.csv",
+        ["name", "structure", "reference", "angle_deg", *xyz, "relative_size"],
+        (
+            [
+                name,
+                structure,
+                poses.names[poses.reference],
+                float(np.linalg.norm(poses.rotations[row, column])),
+                *poses.rotations[row, column].tolist(),
+                *poses.translations[row, column].tolist(),
+                float(poses.sizes[row, column]),
+            ]
+            for row, name in enumerate(names)
+            for column, structure in enumerate(poses.names)
+        ),
+    )
+    parts = poses.components()
+    total, deviations = parts.variances.sum(), parts.standard_deviations
+    squares = np.square(deviations)
+    write_table(
+        new.model / "components.csv",
+        ["component", "standard_deviation_rms_mm", "share", *parts.parts],
+        [
+            ["all", float(np.sqrt(total)), 1.0, *(parts.variances / total).tolist()],
+            *(
+                [number + 1, float(deviations[number]), float(squares[number] / total), *row]
+                for number, row in enumerate(parts.shares.tolist())
+            ),
+        ],
+    )
 
 
 def write_surfaces(new: ProjectFolder, model: ShapeModel, surface: MeanSurface, tick: Tick) -> None:

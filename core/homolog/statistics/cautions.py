@@ -65,21 +65,19 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
     if not numbers:
         return (
             f"covariances change along the design ({p}). The tests of the whole shape, particles and size "
-            "hold nevertheless; T², F and the interval of D do not."
+            "remain valid; T², F and the interval of D do not."
         )
     mean = ", ".join(f"{name} {value:.2f} mm" for name, value in dispersion.by_group.items())
     what = (
-        "Hotelling's T², F, the intervals of D and ω² and the p-values of accuracy and AUC of this "
-        "comparison assume equal dispersion: do not rely on them."
+        "T², F, the intervals of D and ω² and the p-values of accuracy and AUC do not."
         if len(numbers) == 2
-        else "Wilks' lambda, F and the intervals of D and ω² of all groups together assume equal dispersion: "
-        "do not rely on them. Each pair of groups has a test of dispersion of its own; where a pair gets no "
-        "caution, its D, accuracy and AUC may be used."
+        else "Λ, F and the intervals of D and ω² of all groups together do not; those of a pair may be used "
+        "where it gets no caution."
     )
     return (
         f"the groups differ in covariance (mean distance to the centroid: {mean}; {p})"
-        f"{' and in number of subjects' if uneven else ''}. {what} "
-        "The tests of the whole shape, particles and size keep each subject's own covariance and hold."
+        f"{' and in number of subjects' if uneven else ''}. The tests of the whole shape, particles and size "
+        f"remain valid; {what}"
     )
 
 

@@ -524,11 +524,11 @@ class Design:
         there = set(zip(*(self._codes[name].tolist() for name in categories), strict=True))
         for cell in product(*(range(len(self.levels[name])) for name in categories)):
             if cell not in there:
-                terms_text = " and ".join(
+                cell_text = " and ".join(
                     f"{name} {self.levels[name][code]}" for name, code in zip(categories, cell, strict=True)
                 )
                 raise InputError(
-                    f"{':'.join(factors)} can't be estimated: no subject has {terms_text}; remove the "
+                    f"{':'.join(factors)} can't be estimated: no subject has {cell_text}; remove the "
                     "interaction, or compare fewer levels"
                 )
 

@@ -16,6 +16,7 @@ __all__ = [
     "STEIGER",
     "Effect",
     "SizeVariance",
+    "coefficient",
     "corrected_distance",
     "degrees",
     "distance_of_several",
@@ -230,6 +231,19 @@ def _cluster_degrees(hypothesis: Hypothesis) -> float:
     return max(float(np.trace(products) ** 2 / np.square(products).sum()), 1.0)
 
 
+def coefficient(
+    values: FloatArray, hypothesis: Hypothesis, members: Sequence[BoolArray] = ()
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the coefficient of one tested column, its standard error and its degrees of freedom, (N,) each.
+
+    Parameters are those of `effect_bounds`.
+    """
+    unit = float(np.linalg.norm(hypothesis.columns[:, 0]))
+    squares = np.square(unit_parts(values, hypothesis, members) / unit)
+    value = hypothesis.tested[:, 0] @ values / unit
+    return value, np.sqrt(squares.sum(axis=0)), degrees(squares, hypothesis, members)
+
+
 def effect_bounds(
     values: FloatArray, hypothesis: Hypothesis, members: Sequence[BoolArray] = ()
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -250,11 +264,8 @@ def effect_bounds(
         Standard errors are those that units show: Welch's, or HC4 (of units of several rows its extension to
         clusters).
     """
-    unit = float(np.linalg.norm(hypothesis.columns[:, 0]))
-    squares = np.square(unit_parts(values, hypothesis, members))
-    dof = degrees(squares, hypothesis, members)
-    reach = stats.t.ppf((1.0 + CONFIDENCE) / 2.0, dof) * np.sqrt(squares.sum(axis=0)) / unit
-    value = hypothesis.tested[:, 0] @ values / unit
+    value, error, dof = coefficient(values, hypothesis, members)
+    reach = stats.t.ppf((1.0 + CONFIDENCE) / 2.0, dof) * error
     return value, value - reach, value + reach
 
 

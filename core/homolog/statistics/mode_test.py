@@ -168,8 +168,8 @@ def mode_test(
     drawn = Randomization(hypothesis, rows, draws=permutations, seed=seed, tick=part_of(tick, 0.3, 1.0))
     whole = drawn.ratio(rows)
     scores = _unit_columns(leading_scores(residuals, max(n_modes, 1))[0])[:, :n_modes]
-    projected = (hypothesis.tested.T @ scores)[None]
-    wilks = float(_wilks(projected)[0])
+    projected = hypothesis.tested.T @ scores
+    wilks = float(np.clip(np.linalg.det(np.eye(len(projected)) - projected @ projected.T), 0.0, 1.0))
     columns = hypothesis.tested.shape[1]
     f, between, within = (
         float(value) for value in rao_f(np.array(wilks), max(n_modes, 1), columns, hypothesis.error_dof)
@@ -183,7 +183,7 @@ def mode_test(
         modes=n_modes,
         wilks=wilks,
         pillai=float(np.square(projected).sum()),
-        lawley=_lawley(projected[0]),
+        lawley=_lawley(projected),
         t_squared=t_squared,
         mahalanobis=None if t_squared is None else float(np.sqrt(t_squared) / unit),
         f=f if has_f else 0.0,
@@ -214,13 +214,6 @@ def _unit_columns(columns: FloatArray) -> FloatArray:
     lengths = np.linalg.norm(columns, axis=-2, keepdims=True)
     unit: FloatArray = columns / np.where(lengths > 0.0, lengths, 1.0)
     return unit
-
-
-def _wilks(projected: FloatArray) -> FloatArray:
-    """Wilks' lambda (c,) from the tested columns in the modes (c, d, K)."""
-    left = np.eye(projected.shape[1]) - projected @ np.swapaxes(projected, 1, 2)
-    wilks: FloatArray = np.clip(np.linalg.det(left), 0.0, 1.0)
-    return wilks
 
 
 def _lawley(projected: FloatArray) -> float:

@@ -293,11 +293,11 @@ class Randomization:
             return np.where(none, 0.0, explained / np.where(none, 1.0, expected))
 
         def statistic(rows: _Rows) -> FloatArray:
-            located = sums(rows, rest)
+            observed = sums(rows, rest)
             if usual is None:
-                return located
+                return observed
             expected = sums(rows, usual)
-            return np.where(expected > 0.0, located / np.where(expected > 0.0, expected, 1.0), 0.0)
+            return np.where(expected > 0.0, observed / np.where(expected > 0.0, expected, 1.0), 0.0)
 
         size = self._columns.shape[1] * (rest.shape[1] + len(rest))
         null, done = np.empty(self.count), 0

@@ -211,15 +211,15 @@ class ShapeModel:
 
     def _kept(self, shares: FloatArray) -> int:
         """Return the number of modes that `n_components` asks for."""
-        wanted = self.n_components
-        if wanted is None:
+        chosen = self.n_components
+        if chosen is None:
             return len(shares)
-        if isinstance(wanted, int | np.integer) and wanted >= 1:
-            return min(int(wanted), len(shares))
-        if isinstance(wanted, float) and 0.0 < wanted < 1.0:
-            return min(int(np.searchsorted(np.cumsum(shares), wanted)) + 1, len(shares))
+        if isinstance(chosen, int | np.integer) and chosen >= 1:
+            return min(int(chosen), len(shares))
+        if isinstance(chosen, float) and 0.0 < chosen < 1.0:
+            return min(int(np.searchsorted(np.cumsum(shares), chosen)) + 1, len(shares))
         raise InputError(
-            f"n_components={wanted!r}: give a number of modes, or a share of the variance below 1"
+            f"n_components={chosen!r}: give a number of modes, or a share of the variance below 1"
         )
 
     @property

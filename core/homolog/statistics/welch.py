@@ -10,7 +10,7 @@ from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
 from homolog.statistics.design import group_design, reference_first
-from homolog.statistics.effects import CONFIDENCE, Effect, degrees, unit_parts
+from homolog.statistics.effects import CONFIDENCE, Effect, coefficient
 from homolog.statistics.randomization import Randomization
 
 __all__ = ["GroupMeasure", "WelchMap", "compare_measure", "mean_difference", "welch_map"]
@@ -82,13 +82,10 @@ def welch_map(
     if min(np.count_nonzero(second), np.count_nonzero(~second)) < 2 or not np.isfinite(values).all():
         raise InputError("a pointwise comparison needs finite values and at least two subjects in each group")
     hypothesis = group_design(np.where(second, "b", "a").tolist(), ["a", "b"])
-    members = [~second, second]
-    unit = float(np.linalg.norm(hypothesis.columns))
-    squares = np.square(unit_parts(values, hypothesis, members) / unit)
-    difference = values[second].mean(axis=0) - values[~second].mean(axis=0)
-    error = np.sqrt(squares.sum(axis=0))
-    t = np.where(error > 0.0, difference / np.where(error > 0.0, error, 1.0), 0.0)
-    p = np.asarray(2.0 * stats.t.sf(np.abs(t), degrees(squares, hypothesis, members)), np.float64)
+    difference, error, dof = coefficient(values, hypothesis, [~second, second])
+    varies = (error > 0.0) & (np.ptp(values, axis=0) > 0.0)
+    t = np.where(varies, difference / np.where(varies, error, 1.0), 0.0)
+    p = np.asarray(2.0 * stats.t.sf(np.abs(t), dof), np.float64)
     drawn = Randomization(hypothesis, values, draws=permutations, seed=seed, tick=tick)
     p_fwe = drawn.surface(values[:, :, None]).p_fwe
     return WelchMap(difference, t, p, p_fwe, stats.false_discovery_control(p))

@@ -189,7 +189,7 @@ def test_a_group_that_scatters_more_raises_a_caution_where_answers_are_read(
     assert analyze(project, "--between", "A", "B", "--alignment", "as-it-lies") == 0
     said = capsys.readouterr().out
     assert "differ in covariance" in said
-    assert "assume equal dispersion" in said
+    assert "remain valid; T²" in said
     (row,) = rows_of(project.folder / "analysis" / "groups_group_A_B_as_it_lies" / "tests.csv")
     assert float(row["dispersion_p"]) <= 0.05
     assert float(row["dispersion_largest_to_smallest"]) > 1.5

@@ -231,6 +231,53 @@ def test_a_folder_dropped_on_the_window_is_listed(window, ellipsoids):
 
 
 @pytest.mark.window
+def test_what_is_dropped_and_can_not_be_used_is_not_ignored_in_silence(beans, wait):
+    from threading import Event
+
+    from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
+    from PySide6.QtGui import QDropEvent
+
+    said, end = [], Event()
+    beans.workspace.session.noticed.connect(said.append)
+
+    def drop(**content):
+        data = QMimeData()
+        data.setUrls([QUrl.fromLocalFile(str(path)) for path in content.get("paths", ())])
+        data.setText(content.get("text", ""))
+        none = Qt.KeyboardModifier.NoModifier
+        copy, left = Qt.DropAction.CopyAction, Qt.MouseButton.LeftButton
+        beans.dropEvent(QDropEvent(QPointF(9, 9), copy, data, left, none))
+
+    drop(text="a text")
+    beans.workspace.work.compute("test", lambda tick: end.wait(), "waiting", lambda _: None)
+    drop(paths=["/a.nrrd"])
+    end.set()
+    wait(lambda: not beans.workspace.session.job.is_busy)
+    assert said == [
+        "Drop files or folders of this machine",
+        "Something is being computed; wait for it or cancel it, then drop this again",
+    ]
+
+
+@pytest.mark.window
+def test_a_run_shows_its_particles_whatever_was_open(groomed, wait):
+    session, commands = groomed.workspace.session, groomed.commands
+    session.show_step("groom")
+    commands["view.slice"].trigger()
+    commands["view.clip"].trigger()
+    groomed.views.stage.scene.change(particles=False)
+    commands["run.start"].trigger()
+    wait(lambda: session.job.run is not None or session.result is not None)
+    display = groomed.views.stage.scene.grid.display
+    assert session.step == "correspond"
+    assert not commands["view.slice"].isChecked()
+    assert display.particles
+    assert display.clip is None
+    commands["run.cancel"].trigger()
+    wait(lambda: not session.job.is_busy)
+
+
+@pytest.mark.window
 def test_the_label_picker_comes_up_where_files_hold_several_labels(window, tmp_path, wait):
     import numpy as np
     import SimpleITK

@@ -167,3 +167,32 @@ def test_an_unknown_structure_to_align_by_is_refused(folder, settings, tmp_path)
     )
     with pytest.raises(InputError, match="none of the structures to align by: long, flat"):
         run.execute()
+
+
+def test_poses_of_the_structures_are_written_apart_from_their_shapes(project):
+    import csv
+
+    with (project.model / "pose.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [(row["name"], row["structure"]) for row in rows[:2]] == [("a", "long"), ("a", "flat")]
+    shifts = [float(row["translation_x_mm"]) for row in rows if row["structure"] == "flat"]
+    assert np.allclose(shifts, [-1.5, -0.5, 0.5, 1.5], atol=0.4)
+    with (project.model / "components.csv").open() as stream:
+        whole, *components = list(csv.DictReader(stream))
+    assert whole["component"] == "all"
+    parts = ["pose flat", "shape long", "shape flat"]
+    assert np.isclose(sum(float(whole[part]) for part in parts), 1.0)
+    assert np.isclose(sum(float(row["share"]) for row in components), 1.0)
+
+
+def test_a_project_opened_in_python_has_its_structures_and_their_poses(project):
+    import homolog as hl
+
+    opened = hl.Project(project.folder)
+    assert list(opened.structures) == ["long", "flat"]
+    assert opened.structures["flat"].particles.shape == (4, 48, 3)
+    assert opened.relative_poses("flat").rotations.shape == (4, 2, 3)
+    with pytest.raises(InputError, match="long, flat"):
+        opened.relative_poses("round")
+    with pytest.raises(InputError, match="a single structure"):
+        opened.structures["flat"].relative_poses()

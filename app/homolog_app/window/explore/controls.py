@@ -13,10 +13,13 @@ from PySide6.QtCore import (
     QTimer,
     Signal,
 )
+from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
     QCheckBox,
     QGridLayout,
     QHBoxLayout,
+    QMenu,
+    QPushButton,
     QWidget,
 )
 
@@ -153,6 +156,39 @@ _PERIOD_S = 4.0
 _LEAST_MS = 33
 _DRAWING_SHARE = 2.0
 _SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0}
+
+
+class ColumnPicker(QPushButton):
+    """A button with a list of columns of the table that are ticked."""
+
+    def __init__(self, name: str, none: str) -> None:
+        super().__init__(none)
+        self.setAccessibleName(name)
+        self._none, self._columns = none, QMenu(self)
+        self._columns.setToolTipsVisible(True)
+        self.setMenu(self._columns)
+
+    def offer(self, columns: Mapping[str, str]) -> None:
+        """Offer columns, each with the reason why it can't be used, or an empty text; ticks are kept."""
+        kept = self.chosen
+        self._columns.clear()
+        for name, problem in columns.items():
+            action = QAction(name.replace("&", "&&"), self._columns, checkable=True)
+            action.setData(name)
+            action.setEnabled(not problem)
+            action.setToolTip(problem)
+            action.setChecked(name in kept and not problem)
+            action.toggled.connect(self._show)
+            self._columns.addAction(action)
+        self._show()
+
+    @property
+    def chosen(self) -> list[str]:
+        """The ticked columns."""
+        return [str(action.data()) for action in self._columns.actions() if action.isChecked()]
+
+    def _show(self) -> None:
+        self.setText(", ".join(self.chosen).replace("&", "&&") or self._none)
 
 
 class Pace(QTimer):

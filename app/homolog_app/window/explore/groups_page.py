@@ -408,9 +408,9 @@ class GroupsPage(ExplorePage):
         sentences = dict(zip(study.comparisons, findings(study), strict=True))
         first = sentences[answers[0].pair]
         self.verdict.setText(typeset(first.title))
-        located = {f"{name}: {text}": name in ("Covariates", "Power") for name, text in first.lines}
+        named_lines = {f"{name}: {text}": name in ("Covariates", "Power") for name, text in first.lines}
         self.effect.setText(
-            typeset("\n".join(text for text, is_further in located.items() if not is_further))
+            typeset("\n".join(text for text, is_further in named_lines.items() if not is_further))
         )
         self.question.setText(question_text(study.question))
         self.results.show_answers(self.all, self._mapped)
@@ -420,7 +420,7 @@ class GroupsPage(ExplorePage):
             typeset(
                 "\n".join(
                     [
-                        *(text for text, is_further in located.items() if is_further),
+                        *(text for text, is_further in named_lines.items() if is_further),
                         *study.further_lines,
                         CONTROLS,
                     ]

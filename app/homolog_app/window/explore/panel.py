@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QTabBar, QVBoxLayout, QWidget
@@ -13,6 +13,7 @@ from homolog.arrays import Array
 from homolog.comparison.question import Question
 from homolog.comparison.stored import stored_answers
 from homolog.errors import InputError
+from homolog.progress import Tick
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.study import FILES, outdated_text
 from homolog_app.window.actions import Actions
@@ -22,11 +23,15 @@ from homolog_app.window.explore.measure_page import MeasurePage
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.page import ExplorePage, ModelCache, OverviewPage
 from homolog_app.window.explore.patient_page import PatientPage
+from homolog_app.window.explore.plan_dialog import PlanDialog
 from homolog_app.window.explore.plot import plots_of
 from homolog_app.window.explore.printing import drawn_report, print_pages
 from homolog_app.window.explore.verdict_bar import VerdictBar
 from homolog_app.window.widgets import GRID, button, label, set_dimmed
 from homolog_app.window.workspace import Controller, Workspace, reported
+
+if TYPE_CHECKING:
+    from homolog.comparison.plan import Plan
 
 __all__ = ["PAGES", "PAGE_COMMANDS", "ExploreController", "ExplorePanel"]
 
@@ -168,6 +173,7 @@ class ExploreController(Controller):
         self._patient = self._panel.page_of(PatientPage)
         for page in self._panel.pages:
             page.page_wanted.connect(partial(workspace.session.show_page, page.title, "explore"))
+        self._plan: PlanDialog | None = None
         self._wanted: tuple[Question, str] | None = None
         self._panel.page_of(OverviewPage).kept.chosen.connect(self.open_stored)
         self._groups.answered.connect(lambda: QTimer.singleShot(0, self, self._show_wanted))
@@ -192,6 +198,7 @@ class ExploreController(Controller):
             "explore.test": self._groups.test,
             "explore.keep": self._groups.store,
             "explore.compare": self.compare,
+            "explore.plan": self.plan,
             "explore.table": self.write_table,
             "explore.distances": self.write_distances,
             "patient.reference": self._patient.make_reference,
@@ -268,6 +275,35 @@ class ExploreController(Controller):
         folder = self._workspace.files.folder(self._window, "Compare with the result of a project")
         if folder:
             self._panel.fitted.compare_with(folder)
+
+    def plan(self) -> None:
+        """Ask for the effect that a study should find, and show its power."""
+        if self._plan is None:
+            self._plan = PlanDialog(self._window, self._compute_plan, self._save_plan)
+        self._plan.show_plan(None)
+        self._plan.show()
+        self._plan.raise_()
+
+    @reported
+    def _compute_plan(self, given: dict[str, Any]) -> None:
+        project, dialog = self._workspace.project, self._plan
+        assert dialog is not None, "it asks"
+
+        def work(tick: Tick) -> "Plan":
+            from homolog.comparison.plan import plan_project
+
+            return plan_project(project, tick=tick, **given)
+
+        self._workspace.work.compute("plan", work, "planning", dialog.show_plan)
+
+    @reported
+    def _save_plan(self, plan: "Plan") -> None:
+        from homolog_app.report.plan import write_plan
+
+        path = self._workspace.files.new(self._window, "Save plan", "plan.pdf", "PDF (*.pdf);;HTML (*.html)")
+        if path:
+            write_plan(path, plan)
+            self._workspace.session.noticed.emit(f"Plan written to {path}")
 
     @reported
     def write_table(self) -> None:

@@ -49,9 +49,10 @@ from homolog_app.scenes.patient import (
     patient_scene,
     patient_slices,
 )
+from homolog_app.studies.questions import covariates_of, size_name
 from homolog_app.studies.study import with_current_table
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.controls import SubjectTable
+from homolog_app.window.explore.controls import ColumnPicker, SubjectTable
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.explore.plot import Plot
 from homolog_app.window.explore.printing import report_buttons
@@ -118,7 +119,7 @@ class PercentileBars(Plot):
         draw_percentiles(figure.subplots(4, 1), *self._shown, self.theme.colours)
 
 
-_ABOVE = ("Controls", "Adjust for", "Seen twice")  # names of the reference's fields
+_ABOVE = ("Controls", "Adjust for", "Repeated scans of", "Time")  # names of the reference's fields
 _HEADS = ("Region", "Area\n(mm²)", "Mean\n(mm)", "z")
 _SIDES = {"not given": "", LEFT: LEFT, RIGHT: RIGHT}
 
@@ -325,12 +326,10 @@ class PatientPage(ExplorePage):
         self._compared: ComparedPatient | None = None
         self.places: list[tuple[FloatArray, FloatArray]] = []
         self.group, self._default = choice("Controls"), ""
-        self.adjust = QLineEdit()
-        self.adjust.setPlaceholderText("columns, such as age sex")
-        self.adjust.setAccessibleName("Columns to adjust for")
-        self.twice = QLineEdit()
-        self.twice.setPlaceholderText("columns of person and time")
-        self.twice.setAccessibleName("Columns of person and time")
+        self.adjust = ColumnPicker("Columns to adjust for", "Nothing")
+        self.person, self.time = choice("Column of the person"), choice("Column of the time")
+        self.person.setToolTip("Controls with the same value are scans of one person")
+        self.time.setToolTip("Column that tells the times of a person apart")
         self.make = ActionButton("Make reference", actions["patient.reference"], "primary")
         self.open = ActionButton("Open…", actions["patient.open_reference"])
         self.keep = ActionButton("Save…", actions["patient.keep_reference"])
@@ -360,8 +359,8 @@ class PatientPage(ExplorePage):
 
     def _lay_out(self) -> None:
         self.body.addWidget(label("Reference", "SectionTitle"))
-        rows = (("Controls", self.group), ("Adjust for", self.adjust), ("Seen twice", self.twice))
-        self.body.addLayout(named_rows(rows))
+        boxes = (self.group, self.adjust, self.person, self.time)
+        self.body.addLayout(named_rows(zip(_ABOVE, boxes, strict=True)))
         row = QHBoxLayout()
         for widget in (self.make, self.open, self.keep):
             row.addWidget(widget, 2 if widget is self.make else 1)
@@ -494,8 +493,7 @@ class PatientPage(ExplorePage):
             return
         project = self.workspace.project
         group = None if self.group.currentIndex() <= 0 else self.group.currentText()
-        columns = self.adjust.text().replace(",", " ").split()
-        person, time, *_ = [*self.twice.text().replace(",", " ").split(), "", ""]
+        columns, person, time = self.adjust.chosen, self.person.currentData(), self.time.currentData()
         loaded, study = self.workspace.session.result, self.workspace.session.study
         result = None if loaded is None else with_current_table(loaded.result, study)
 
@@ -636,6 +634,17 @@ class PatientPage(ExplorePage):
         self.group.clear()
         self.group.addItems([_EVERYONE, *groups])
         self.group.setCurrentText(chosen if self.group.findText(chosen) >= 0 else default)
+        study = self.workspace.session.study
+        size = size_name(study)
+        usable = covariates_of(study, "group").items()
+        self.adjust.offer({name: why for name, why in usable if name in study.columns and name != size})
+        for box in (self.person, self.time):
+            chosen = box.currentText()
+            box.clear()
+            box.addItem("None", "")
+            for name in study.columns:
+                box.addItem(name, name)
+            box.setCurrentIndex(max(0, box.findText(chosen)))
 
     def _show_reference(self) -> None:
         """Describe the reference, with a field for each covariate."""
