@@ -268,7 +268,7 @@ class _Actor:
         self._clip, self._cap = clip, theme.cut
         self._middle = motion.at((motion.low + motion.high) / 2.0).vertices  # the plane does not move
         self._limit = limit
-        self._plain = np.array(theme.surface)
+        self._plain = np.array(theme.surface) if motion.colours is None else motion.colours
         self._outward = outward_displacement(motion.start, motion.displacement)
         self._amounts = np.unique([motion.low, (motion.low + motion.high) / 2.0, motion.high])
         self._shadows = np.stack([hollows(motion.at(float(amount))) for amount in self._amounts])

@@ -12,6 +12,7 @@ from homolog.statistics.reconstruction import warp_surface
 from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.camera import Frame, View, frame_around
+from homolog_app.rendering.colours import structure_colours
 
 __all__ = [
     "SCALE_SHARE",
@@ -42,6 +43,8 @@ class Motion:
         Amounts at the ends of the motion.
     label : function of the amount
         Returns the caption.
+    colours : (V, 3) array, optional
+        Colours of several structures, red, green, blue in [0, 1].
     """
 
     start: TriangleMesh
@@ -49,6 +52,7 @@ class Motion:
     low: float
     high: float
     label: Callable[[float], str]
+    colours: FloatArray | None = None
 
     @property
     def moves(self) -> bool:
@@ -84,7 +88,14 @@ def mode_motions(result: Result, modes: Sequence[int], deviations: float) -> lis
     chosen = np.array(modes) - 1
     moves = _warp(result, (model.components_ * model.standard_deviations_[:, None, None])[chosen])
     return [
-        Motion(result.mean_surface, move, -deviations, deviations, _mode_text(model, mode, result))
+        Motion(
+            result.mean_surface,
+            move,
+            -deviations,
+            deviations,
+            _mode_text(model, mode, result),
+            _colours(result),
+        )
         for mode, move in zip(chosen.tolist(), moves, strict=True)
     ]
 
@@ -125,14 +136,21 @@ def group_motion(result: Result, column: str, first: str, second: str) -> Motion
         return f"{column}: {first} → {second}{aside}   {percent} %"
 
     mesh = result.mean_surface
-    return Motion(TriangleMesh(mesh.vertices + to_start, mesh.faces), move, 0.0, 1.0, label)
+    return Motion(TriangleMesh(mesh.vertices + to_start, mesh.faces), move, 0.0, 1.0, label, _colours(result))
 
 
 def static_motion(result: Result) -> Motion:
     """Return the mean surface at rest."""
     surface = result.mean_surface
     label = f"Mean shape ({result.mirrored} mirrored)" if result.mirrored else "Mean shape"
-    return Motion(surface, np.zeros_like(surface.vertices), 0.0, 0.0, lambda _: label)
+    return Motion(surface, np.zeros_like(surface.vertices), 0.0, 0.0, lambda _: label, _colours(result))
+
+
+def _colours(result: Result) -> FloatArray | None:
+    """Return the colours of several structures; None for a single one."""
+    if not result.parts:
+        return None
+    return np.asarray(structure_colours([part.vertices for part in result.parts]) / 255.0)
 
 
 def _warp(result: Result, displacements: FloatArray) -> FloatArray:

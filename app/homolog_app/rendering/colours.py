@@ -33,6 +33,7 @@ __all__ = [
     "page_colours",
     "rgb",
     "rgb_bytes",
+    "structure_colours",
     "viridis",
 ]
 
@@ -193,6 +194,21 @@ def diverging_colours(values: FloatArray, limit: float) -> FloatArray:
     place = (np.clip(values / limit, -1.0, 1.0) + 1.0) / 2.0 * (len(table) - 1)
     columns = [np.interp(place, np.arange(len(table)), column) for column in table.T]
     return np.stack(columns, axis=1)
+
+
+def structure_colours(vertices: Sequence[slice]) -> Array:
+    """Return a colour of its own for each of several structures, by vertex, (V, 3) uint8.
+
+    Those of groups, half as strong, so that light and shade are seen.
+
+    Parameters
+    ----------
+    vertices : sequence of slice
+        The vertices of each structure, one after another.
+    """
+    bone, groups = np.array(rgb_bytes(LIGHT_SCHEME.bone)), LIGHT_SCHEME.groups
+    own = [(bone + rgb_bytes(groups[number % len(groups)])) // 2 for number in range(len(vertices))]
+    return np.repeat(own, [item.stop - item.start for item in vertices], axis=0).astype(np.uint8)
 
 
 def colours_by_place(mean: FloatArray) -> Array:

@@ -17,6 +17,7 @@ from homolog_app.rendering.colours import (
     ColourScale,
     common_limit,
     displacement_scale,
+    structure_colours,
     viridis,
 )
 from homolog_app.rendering.content import Content, ViewContents
@@ -115,6 +116,8 @@ def model_content(
         if look.from_middle:
             outward = outward * outward_sign(shape.mean.vertices, shape.mean_normals)
         colours = look.scale.colours(outward, faint=faded)
+    elif shape.result.parts:
+        colours = structure_colours([part.vertices for part in shape.result.parts])
     arrows = None
     if look.arrows:
         at = shape.arrows_at if faded is None else shape.arrows_at[~faded[shape.arrows_at]]
