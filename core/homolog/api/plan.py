@@ -9,10 +9,9 @@ from typing import Literal
 
 from homolog.api.project import Project
 from homolog.comparison.plan import Plan, plan_project
-from homolog.errors import InputError
+from homolog.comparison.question import alignment_of
 from homolog.io.project import ProjectFolder
 from homolog.progress import tick_of
-from homolog.statistics.procrustes import Alignment
 
 __all__ = ["plan"]
 
@@ -30,7 +29,7 @@ def plan(
     alignment: Literal["form", "shape", "as-it-lies"] = "shape",
     studies: int = 100,
     permutations: int = 199,
-    seed: int = 0,
+    random_state: int = 0,
     callback: Callable[[float, str], object] | None = None,
 ) -> Plan:
     """Return the power of studies with an effect of given size and place, from a pilot, as ``homolog plan``.
@@ -54,11 +53,13 @@ def plan(
     power : float
         Wanted power.
     alignment : {"shape", "form", "as-it-lies"}
-        Alignment of the comparison.
-    studies, permutations : int
-        Simulated studies of each number, and randomizations in each.
-    seed : int
-        Same seed, same plan.
+        What is compared, as in `compare_groups`.
+    studies : int
+        Simulated studies of each number.
+    permutations : int
+        Randomizations in each of them.
+    random_state : int
+        Random seed; the same seed gives the same plan.
     callback : callable, optional
         Called with the fraction done and a message; any exception that it raises ends the work.
 
@@ -72,9 +73,6 @@ def plan(
     InputError
         If the project has no result, the pilot is too small, or a value is invalid.
     """
-    known = [item.value for item in Alignment]
-    if alignment not in known:
-        raise InputError(f"alignment {alignment!r}: choose one of {', '.join(known)}")
     folder = project.folder if isinstance(project, Project) else Path(project)
     return plan_project(
         ProjectFolder(folder),
@@ -85,9 +83,9 @@ def plan(
         particle=particle,
         per_group=tuple(per_group),
         power=power,
-        alignment=Alignment(alignment),
+        alignment=alignment_of(alignment),
         studies=studies,
         permutations=permutations,
-        seed=seed,
+        seed=random_state,
         tick=tick_of(callback),
     )

@@ -159,7 +159,7 @@ class Stability:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A plan.
+    """Power, needed numbers and stability of a study that was simulated from a pilot.
 
     Attributes
     ----------
