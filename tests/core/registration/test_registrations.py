@@ -55,6 +55,23 @@ def test_nothing_is_registered_twice(cohort, groomed, kept, calls):
     assert np.array_equal(again, alignments)
 
 
+def test_the_same_cohort_is_not_aligned_twice_and_has_the_same_notes(cohort, groomed, kept, monkeypatch):
+    path, alignments = kept
+    notes = [item.report.notes for item in align_cohort(cohort, groomed, SETTINGS)[0]]
+    monkeypatch.setattr("homolog.registration.sides.register", lambda *_, **__: pytest.fail("aligned again"))
+    again, places = align_cohort(cohort, groomed, SETTINGS, cache=path)
+    assert np.array_equal(places, alignments)
+    assert [item.report.notes for item in again] == notes
+
+
+def test_other_settings_align_a_cohort_again(cohort, groomed, kept, tmp_path):
+    path = Path(shutil.copy(kept[0], tmp_path))
+    scaled = SETTINGS.model_copy(update={"scaling": True})
+    places = align_cohort(cohort, groomed, scaled, cache=path)[1]
+    assert np.array_equal(places, align_cohort(cohort, groomed, scaled)[1])
+    assert not np.array_equal(places, kept[1])
+
+
 def test_only_a_subject_that_changed_is_registered_again(cohort, groomed, kept, calls, tmp_path):
     path = Path(shutil.copy(kept[0], tmp_path))
     vertices = groomed[3].coarse_mesh.vertices * [1.0, 1.0, 1.01]
