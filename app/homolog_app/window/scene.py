@@ -521,12 +521,21 @@ class Scene(QWidget):
             state.set(camera)
         self.fit()
 
-    @Slot(object)
-    def face(self, toward: FloatArray) -> None:
-        """Turn whole shapes so that a direction of theirs faces the viewer."""
+    @Slot(str, object, object)
+    def face(self, name: str, place: FloatArray, normal: FloatArray) -> None:
+        """Turn whole shapes so that a point of a content's surface faces the viewer, and uncover it."""
         for camera in self.grid.cameras.each:
-            aim(camera, np.array(camera.GetFocalPoint()), toward, 2.0 * camera.GetParallelScale())
+            aim(camera, np.array(camera.GetFocalPoint()), normal, 2.0 * camera.GetParallelScale())
         self.fit()
+        cell = self.grid.cell_of(name)
+        if cell is not None and len(cell.vertices):
+            self._watch(name, cell, place)
+
+    def _watch(self, name: str, cell: "ViewCell", place: FloatArray) -> None:
+        """Keep the point of a content that is nearest to a place uncovered."""
+        vertex = int(np.linalg.norm(cell.vertices - place, axis=1).argmin())
+        self._focus = name, vertex, cell.vertices[vertex]
+        self._uncover(cell, place)
 
     def fit(self) -> None:
         """Zoom to the whole shapes."""
@@ -555,7 +564,11 @@ class Scene(QWidget):
         """Keep whole shapes visible."""
         super().resizeEvent(event)
         if self.fitted == self.looks:
+            focus = self._focus
             self.fit()
+            cell = self.grid.cell_of(focus[0]) if focus is not None else None
+            if cell is not None and focus is not None and focus[1] < len(cell.vertices):
+                self._watch(focus[0], cell, cell.vertices[focus[1]])
 
     def go_to(self, name: str, place: FloatArray, normal: FloatArray) -> None:
         """Show a subject's page and a close-up of a point of its surface from outside.
@@ -573,9 +586,7 @@ class Scene(QWidget):
             height = min(height, _CLOSE_UP_BALLS * self.grid.radius)
         for camera in self.grid.cameras.each:
             aim(camera, place, normal, height)
-        vertex = int(np.linalg.norm(cell.vertices - place, axis=1).argmin())
-        self._focus = name, vertex, cell.vertices[vertex]
-        self._uncover(cell, place)
+        self._watch(name, cell, place)
 
     def _follow_focus(self) -> None:
         """Keep the point of a close-up in the middle after its surface has moved."""

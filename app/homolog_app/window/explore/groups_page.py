@@ -282,7 +282,7 @@ class GroupsPage(ExplorePage):
         self.show_answers()
         self._follow_path()
         if (finding := self._finding) is not None:
-            self.turn_wanted.emit(finding[2])
+            self.turn_wanted.emit(*finding)
         self.answered.emit()
 
     def choose_pair(self, request: int, pair: int) -> None:

@@ -167,8 +167,8 @@ class ExplorePage(Panel):
     """A page of the inspector that defines the contents of the views while it is open.
 
     To change what is shown, emit `shown_changed`: the views then call `shown`. To move the camera to a point,
-    emit `place_wanted` with a subject's name, the point and the surface's normal there; to turn whole shapes,
-    `turn_wanted` with the direction to the viewer. A command that needs the page to be visible emits
+    emit `place_wanted` with a subject's name, the point and the surface's normal there; to turn whole shapes
+    so that they show it, `turn_wanted` with the same. A command that needs the page to be visible emits
     `page_wanted`. Long work goes through `workspace.work.compute`.
 
     Attributes
@@ -192,7 +192,7 @@ class ExplorePage(Panel):
     plays = False
     shown_changed = Signal()
     place_wanted = Signal(str, object, object)
-    turn_wanted = Signal(object)
+    turn_wanted = Signal(str, object, object)
     page_wanted = Signal()
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
