@@ -69,10 +69,22 @@ SOURCES = {
 INVENTED = {
     name: Source(name, is_invented=True)
     for name in (
-        "annulus", "aortic_arch", "atrium", "caudate", "cochlea", "incisor", "mandible", "meniscus", "molar",
-        "rib", "right_ventricle", "skull", "skullcap", "tibia",
+        "annulus",
+        "aortic_arch",
+        "atrium",
+        "caudate",
+        "cochlea",
+        "incisor",
+        "mandible",
+        "meniscus",
+        "molar",
+        "rib",
+        "right_ventricle",
+        "skull",
+        "skullcap",
+        "tibia",
     )
-}  # fmt: skip
+}
 
 
 def groomed(name, folder):

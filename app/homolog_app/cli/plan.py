@@ -42,9 +42,13 @@ def add_plan(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type
         "--between", nargs="+", metavar="GROUP", default=[], help="groups of the pilot (default: all)"
     )
     parser.add_argument(
-        "--per-group", nargs="+", type=int, metavar="NUMBER", default=[8, 12, 20, 30, 50, 80],
+        "--per-group",
+        nargs="+",
+        type=int,
+        metavar="NUMBER",
+        default=[8, 12, 20, 30, 50, 80],
         help="subjects per group to simulate (default 8 12 20 30 50 80)",
-    )  # fmt: skip
+    )
     parser.add_argument("--power", type=float, default=0.8, help="wanted power (default 0.8)")
     parser.add_argument(
         "--alignment",

@@ -29,8 +29,14 @@ from homolog.statistics.studies import (
 from homolog.surfaces.nearest import areas_of_particles, nearest_particles
 
 __all__ = [
-    "Answer", "TextTable", "ask_groups", "column_notes", "members_of_pairs", "steps_of", "surface_areas",
-]  # fmt: skip
+    "Answer",
+    "TextTable",
+    "ask_groups",
+    "column_notes",
+    "members_of_pairs",
+    "steps_of",
+    "surface_areas",
+]
 
 TextTable = tuple[str, Mapping[str, str], Sequence[Sequence[str | float | int | None]]]
 """A table: file name, meanings of the columns, rows."""
@@ -249,9 +255,12 @@ def _slope_notes(sample: Sample, question: Question, overall: Comparison, shapes
     except InputError as error:
         return [f"Whether the groups have one slope along each covariate can't be tested: {error}."]
     return unequal_slopes(
-        prepare_shapes(shapes[overall.subjects], question.options), design, [question.column],
-        permutations=question.permutations, seed=question.seed,
-    )  # fmt: skip
+        prepare_shapes(shapes[overall.subjects], question.options),
+        design,
+        [question.column],
+        permutations=question.permutations,
+        seed=question.seed,
+    )
 
 
 def _others(

@@ -7,9 +7,7 @@ from homolog_app.window.explore.plan_dialog import PlanDialog
 
 pytestmark = pytest.mark.window
 
-PLAN = Plan(
-    PlanSettings(2.0, 9.0, 3), 20, (), (1.0, 2.0, 3.0), 0.8, (Power(8, 0.3, 0.5, 2.0),), None, 14, ()
-)  # fmt: skip
+PLAN = Plan(PlanSettings(2.0, 9.0, 3), 20, (), (1.0, 2.0, 3.0), 0.8, (Power(8, 0.3, 0.5, 2.0),), None, 14, ())
 
 
 def test_the_dialog_asks_for_an_effect_and_shows_the_power(qtbot):

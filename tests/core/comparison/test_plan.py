@@ -13,9 +13,14 @@ from homolog.statistics.randomization import Randomization, shape_test
 
 PARTICLES = 40
 SETTINGS = PlanSettings(
-    effect=2.4, width=14.0, particle=7, per_group=(6, 12, 20), studies=100, permutations=99,
+    effect=2.4,
+    width=14.0,
+    particle=7,
+    per_group=(6, 12, 20),
+    studies=100,
+    permutations=99,
     alignment=Alignment.AS_IT_LIES,
-)  # fmt: skip
+)
 
 
 def sphere():

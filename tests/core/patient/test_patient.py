@@ -324,9 +324,9 @@ def test_touching_the_border_of_the_image_alone_is_no_cut(reference, template):
 
 def test_a_patient_whose_image_ends_where_those_of_controls_end_is_not_cut_off(reference, template):
     _, faces = template
-    end = groomed("p", TriangleMesh(cut_at(patient(template).mesh.vertices, 18.0), faces), borders=(
-        (1.0, 0.0, 0.0),
-    ))  # fmt: skip
+    end = groomed(
+        "p", TriangleMesh(cut_at(patient(template).mesh.vertices, 18.0), faces), borders=((1.0, 0.0, 0.0),)
+    )
     alone = compare_groomed(reference, end, AGE)
     assert any("cut off by the border" in remark for remark in alone.remarks)
     touching = np.tile(rotation_of(alone.placement)[:, 0], (2, 1))
