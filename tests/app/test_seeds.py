@@ -56,6 +56,8 @@ def test_other_seeds_are_run_once_and_their_answers_reported(project, capsys):
     later = ["analyze", str(project.folder), *QUICK, "--between", "b", "a"]
     assert main(later) == 0
     assert "over 2 seeds" in capsys.readouterr().out
+    assert main(["analyze", str(project.folder), *QUICK, "--formula", "~ group"]) == 0
+    assert "group: b - a: over 2 seeds" in capsys.readouterr().out
     assert main(["report", str(project.folder), "--progress", "none"]) == 0
     page = (project.folder / "report" / "report.html").read_text("utf-8")
     assert "over 2 seeds" in page[: page.index("Sample")]
