@@ -193,11 +193,11 @@ def test_a_damaged_archive_is_made_anew(cohort, tmp_path):
 def test_every_bad_file_is_listed_before_any_work(cohort, tmp_path, save):
     save(np.zeros((4, 4, 4), np.uint8), "empty.nrrd")
     (tmp_path / "a.nrrd").write_text("NRRD0004\n")
-    (tmp_path / "open.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "points.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
     (tmp_path / "text.stl").write_text("no mesh at all")
     problems = check_cohort(read_cohort(tmp_path), SETTINGS)
-    assert [item.subject for item in problems] == ["a", "empty", "open", "text"]
-    for problem, file in zip(problems, ("a.nrrd", "empty.nrrd", "open.obj", "text.stl"), strict=True):
+    assert [item.subject for item in problems] == ["a", "empty", "points", "text"]
+    for problem, file in zip(problems, ("a.nrrd", "empty.nrrd", "points.obj", "text.stl"), strict=True):
         assert str(tmp_path / file) in problem.message
         assert "\n" not in problem.message
 
