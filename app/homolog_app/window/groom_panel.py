@@ -132,13 +132,15 @@ class GroomPanel(Panel):
 
 def _sentences(groomed: Groomed) -> str:
     report = groomed.subject.report
-    change = 100.0 * (report.volume_after / report.volume_before - 1.0)
-    lines = [
-        f"Volume {millilitres(report.volume_before)} in the file, "
-        f"{millilitres(report.volume_after)} groomed ({signed(change, 1)} %)",
-        *(f"• {note[:1].upper()}{note[1:]}" for note in report.notes),
-    ]
-    return "\n".join(lines)
+    if report.rims:
+        size = f"Open surface of {groomed.subject.mesh.area / 100.0:.3g} cm²"
+    else:
+        change = 100.0 * (report.volume_after / report.volume_before - 1.0)
+        size = (
+            f"Volume {millilitres(report.volume_before)} in the file, "
+            f"{millilitres(report.volume_after)} groomed ({signed(change, 1)} %)"
+        )
+    return "\n".join([size, *(f"• {note[:1].upper()}{note[1:]}" for note in report.notes)])
 
 
 class Cures(QWidget):
