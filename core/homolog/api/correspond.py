@@ -63,6 +63,7 @@ class Settings(TypedDict, total=False):
     spacing: float | None
     smoothing: float
     tunnels: float
+    openings: Literal["auto", "open", "close"]
     alignment: Literal["none", "center", "axes", "icp"]
     mirror: Literal["auto", "left", "right", "off"]
     scaling: bool

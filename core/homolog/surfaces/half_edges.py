@@ -52,7 +52,7 @@ class HalfEdges:
             walls = rim, faces[owners]
             apexes = len(vertices) + rim_numbers(rim)
             faces = np.concatenate([faces, np.column_stack([rim[:, ::-1], apexes])])
-            rows = np.full((int(apexes.max(initial=-1)) + 1 - len(vertices), 3), np.nan)
+            rows = np.full((int(apexes.max(initial=len(vertices) - 1)) + 1 - len(vertices), 3), np.nan)
             vertices, twins = np.concatenate([vertices, rows]), _twins(faces)
         if twins is None:
             raise NumericalError("its surface is open or pinched; use another grid spacing")
