@@ -88,7 +88,7 @@ def test_every_page_says_research_use_and_the_report_its_day(report):
     assert page.count("For research use only") >= 2
     assert "project, 4 controls" in page
     pdf = (report / "report.pdf").read_bytes()
-    assert len(re.findall(rb"/Type /Page\b", pdf)) == 2
+    assert len(re.findall(rb"/Type /Page\b", pdf)) in (2, 3)
 
 
 def test_several_patients_get_one_table_and_bad_ones_a_line(reference, ellipsoids, tmp_path, capsys):
@@ -127,7 +127,8 @@ def test_cautions_are_on_the_first_sheet_and_other_remarks_on_the_second(referen
     plain = compare_patient(controls, Subject("a", ellipsoids / "a.nrrd"))
     comparison = replace(plain, cautions=("is cut",), remarks=("is repaired", "is cut"))
     sheets = sheets_of(patient_page(comparison, controls))
-    first, second = (" ".join(text.get_text() for text in sheet.figure.texts) for sheet in sheets)
+    first, *others = (" ".join(text.get_text() for text in sheet.figure.texts) for sheet in sheets)
+    second = " ".join(others)
     assert ("is cut" in first, "is repaired" in first) == (True, False)
     assert ("is cut" in second, "is repaired" in second) == (False, True)
 
@@ -181,7 +182,7 @@ def test_the_report_alone_can_be_exported(reference, ellipsoids, tmp_path, suffi
     assert main([*arguments, "--cut-off", "--progress", "none"]) == OK
     assert [path.name for path in tmp_path.iterdir()] == [out.name]
     if suffix == "pdf":
-        assert len(re.findall(rb"/Type /Page\b", out.read_bytes())) == 2
+        assert len(re.findall(rb"/Type /Page\b", out.read_bytes())) in (2, 3)
     else:
         assert "research use" in (page := out.read_text("utf-8"))
         assert "no flat end" in page

@@ -1,18 +1,17 @@
 """How often a healthy subject is flagged by homolog patient, and which planted bumps and dents are found.
 
-    python tests/benchmarks/patient_null.py FOLDER [--workers 16] [--project PROJECT] [--lesions 200]
+    python tests/benchmarks/patient_null.py FOLDER [--workers 16] [--lesions 200]
     python tests/benchmarks/patient_null.py FOLDER --summary
 
-Two studies. *generated*: left ventricles of `homolog.samples.hearts` (healthy ones) with ragged borders
-(0.4 mm, correlated over 3 mm); several references are made of other controls each, and new healthy subjects
-that no reference has seen are compared with them. *real*, with `--project`: each subject is compared with a
-reference of all others; neither its model nor its limit has seen it, only the joint run of the particles has.
+Left ventricles of `homolog.samples.hearts` (healthy ones) with ragged borders (0.4 mm, correlated over 3 mm);
+several references are made of other controls each, and new healthy subjects that no reference has seen are
+compared with them. Real shapes: `patient_lesions.py`.
 
 Each subject is compared as it is, mirrored, and with one bump or dent at a random place (Gaussian, height
 1-4 mm, full width 5-20 mm). A lesion is found if a region beyond the limit reaches within half its width (at
 least 4 mm) of its centre. Beside it the plain approach: the patient is part of the joint cohort, z is that of
 the outward distance from the mean of all by their standard deviation, in perfect correspondence, which
-flatters it (generated: vertices; real: particles of the joint run, moved as the lesion moves them).
+flatters it.
 Uncorrected, |z| > 1.96 is a finding; to compare detection at the same rate of false alarms, its limit is also
 set at the 95th percentile of the healthy subjects' own largest |z|.
 
@@ -23,12 +22,11 @@ was. `--summary` prints the tables in Markdown.
 import argparse
 import json
 import os
-import pickle
 import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import as_completed
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
@@ -41,12 +39,10 @@ from scipy.spatial.transform import Rotation
 
 from homolog.geometry import farthest_point_sampling
 from homolog.grooming import GroomedSubject, GroomReport
-from homolog.io.project import ProjectFolder
-from homolog.io.results import read_result
 from homolog.patient import compare_groomed
 from homolog.patient.build import reference_of
 from homolog.patient.coding import Coding
-from homolog.patient.controls import Controls, read_controls
+from homolog.patient.controls import Controls
 from homolog.patient.provenance import Provenance
 from homolog.patient.reference import Reference
 from homolog.samples.hearts import make_hearts
@@ -62,7 +58,7 @@ from homolog.workers import worker_processes
 HEIGHTS, WIDTHS = (1.0, 2.0, 3.0, 4.0), (5.0, 10.0, 20.0)
 RAGGED, RAGGED_LENGTH = 0.4, 3.0  # mm
 PARTICLES, SURFACE = 512, 4000
-OUTCOMES, CONTROLS = "outcomes.jsonl", "controls.pickle"
+OUTCOMES = "outcomes.jsonl"
 
 
 @dataclass(frozen=True)
@@ -73,14 +69,13 @@ class Group:
     meshes: list[TriangleMesh]  # of those who are compared
     cohort: np.ndarray  # (M, N, 3), aligned points of the controls, for the plain approach
     points: list[np.ndarray]  # the same of those who are compared, in the frames of their meshes
-    faces: np.ndarray | None  # of the points; None for particles
+    faces: np.ndarray  # of the points
 
 
 @dataclass(frozen=True)
 class Task:
     """A comparison: of a subject, with what was done to it."""
 
-    study: str
     reference: int
     subject: int
     kind: str  # healthy, mirrored, lesion
@@ -128,31 +123,13 @@ def corresponding(aligned: np.ndarray, own: np.ndarray, meshes: list[TriangleMes
     return Controls(names, points, surface, tuple(meshes), own[:, chosen])
 
 
-def real(folder: Path, number: int) -> Group:
-    """Return all subjects of a project but one as controls, and that one."""
-    everyone: Controls = pickle.loads((folder / CONTROLS).read_bytes())
-    others = [index for index in range(len(everyone.names)) if index != number]
-    points = everyone.points[others]
-    vertices = len(everyone.surface.vertices)
-    controls = replace(
-        everyone,
-        names=tuple(everyone.names[index] for index in others),
-        points=points,
-        surface=TriangleMesh(points[:, :vertices].mean(axis=0), everyone.surface.faces),
-        meshes=tuple(everyone.meshes[index] for index in others),
-        particles=everyone.particles[others],
-    )
-    mesh, particles = everyone.meshes[number], everyone.particles[number]
-    return Group(controls, [mesh], points[:, vertices:], [particles], None)
-
-
 @lru_cache(maxsize=2)
-def group_of(folder: Path, study: str, number: int) -> Group:
-    return real(folder, number) if study == "real" else generated(folder, number)
+def group_of(folder: Path, number: int) -> Group:
+    return generated(folder, number)
 
 
-def path_of(folder: Path, study: str, number: int) -> Path:
-    return folder / f"{study}-{number}.npz"
+def path_of(folder: Path, number: int) -> Path:
+    return folder / f"reference-{number}.npz"
 
 
 @lru_cache(maxsize=2)
@@ -164,43 +141,42 @@ def options_of(folder: Path) -> Any:
     return json.loads((folder / "options.json").read_text())
 
 
-def make_reference(folder: Path, study: str, number: int) -> str:
+def make_reference(folder: Path, number: int) -> str:
     """Make one reference, in a worker; its controls are fitted in one further process."""
-    controls = group_of(folder, study, number).controls
+    controls = group_of(folder, number).controls
     now = datetime.now(UTC).isoformat(timespec="seconds")
     count, particles = controls.particles.shape[:2]
-    about = Provenance(study, "", count, now, now, {}, "", particles, GroomSettings(), "")
+    about = Provenance("generated", "", count, now, now, {}, "", particles, GroomSettings(), "")
     coding, columns = Coding.of({}, controls.names)
     reference = reference_of(controls, coding, columns, about, workers=1)
-    path = path_of(folder, study, number)
+    path = path_of(folder, number)
     written = path.with_stem(f"{path.stem}-partly")
     reference.save(written)
     written.replace(path)
-    return f"{study} {number}: limit {reference.limit:.2f}, {reference.quality.limit_mm:.2f} mm"
+    return f"{number}: limit {reference.limit:.2f}, {reference.quality.limit_mm:.2f} mm"
 
 
-def tasks_of(folder: Path, study: str, number: int) -> Iterator[Task]:
+def tasks_of(folder: Path, number: int) -> Iterator[Task]:
     """Yield the comparisons with a reference; lesions go round the subjects."""
     options = options_of(folder)
-    is_real = study == "real"
-    references, subjects = (options["real"], 1) if is_real else (options["references"], options["new"])
+    references, subjects = options["references"], options["new"]
     for subject in range(subjects):
-        yield Task(study, number, subject, "healthy")
-        yield Task(study, number, subject, "mirrored")
+        yield Task(number, subject, "healthy")
+        yield Task(number, subject, "mirrored")
     for height in HEIGHTS:
         for width in WIDTHS:
             for repeat in range(number, options["lesions"], references):
-                yield Task(study, number, repeat // references % subjects, "lesion", height, width, repeat)
+                yield Task(number, repeat // references % subjects, "lesion", height, width, repeat)
 
 
 def outcome(folder: Path, task: Task) -> dict[str, Any]:
     """Compare a subject with its reference, in a worker."""
     begun = time.process_time()
-    group = group_of(folder, task.study, task.reference)
-    reference = reference_at(path_of(folder, task.study, task.reference))
+    group = group_of(folder, task.reference)
+    reference = reference_at(path_of(folder, task.reference))
     random = np.random.default_rng([options_of(folder)["seed"], *task.key.encode()])
     mesh, points = group.meshes[task.subject], group.points[task.subject]
-    line: dict[str, Any] = {"key": task.key, "study": task.study, "kind": task.kind, "limit": reference.limit}
+    line: dict[str, Any] = {"key": task.key, "kind": task.kind, "limit": reference.limit}
     centre = int(random.integers(len(mesh.vertices)))
     sign = float(random.choice([-1.0, 1.0]))
     if task.kind == "mirrored":
@@ -258,11 +234,7 @@ def plain(group: Group, mesh: TriangleMesh, points: np.ndarray) -> np.ndarray:
     joint = np.concatenate([group.cohort, (points - points.mean(axis=0))[None]])
     joint = align(joint, scaling=False)
     mean = joint.mean(axis=0)
-    if group.faces is not None:
-        normals = TriangleMesh(mean, group.faces).vertex_normals
-    else:
-        turn = Rotation.align_vectors(joint[-1] - joint[-1].mean(axis=0), points - points.mean(axis=0))[0]
-        normals = turn.apply(mesh.vertex_normals[cKDTree(mesh.vertices).query(points)[1]])
+    normals = TriangleMesh(mean, group.faces).vertex_normals
     outward = np.einsum("mvi,vi->mv", joint - mean, normals)
     return np.asarray(outward[-1] / outward.std(axis=0, ddof=1))
 
@@ -272,14 +244,14 @@ def auc(healthy_values: np.ndarray, values: np.ndarray) -> float:
     return float(stats.mannwhitneyu(values, healthy_values).statistic / pairs)
 
 
-def report(lines: list[dict[str, Any]], study: str) -> None:
+def report(lines: list[dict[str, Any]]) -> None:
     null = [line for line in lines if line["kind"] == "healthy"]
     lesions = [line for line in lines if line["kind"] == "lesion"]
     flagged = sum(line["regions"] > 0 for line in null)
     low, high = 100.0 * np.array(stats.beta.interval(0.95, flagged + 0.5, len(null) - flagged + 0.5))
     uncorrected = 100.0 * np.mean([line["plain"] > 1.96 for line in null])
     print(
-        f"\n## {study}\n\nHealthy subjects flagged: {flagged} of {len(null)} "
+        f"\nHealthy subjects flagged: {flagged} of {len(null)} "
         f"({100 * flagged / len(null):.1f} %, 95 % interval {low:.1f} to {high:.1f}); plain z map, "
         f"uncorrected: {uncorrected:.0f} %\n"
     )
@@ -323,30 +295,17 @@ def report(lines: list[dict[str, Any]], study: str) -> None:
     print(f"\n{len(lines)} comparisons, {sum(line['cpu_s'] for line in lines):.0f} CPU s")
 
 
-def prepared(arguments: argparse.Namespace) -> list[tuple[str, int]]:
-    """Write options and the real controls; return the references to make."""
+def prepared(arguments: argparse.Namespace) -> None:
+    """Write the options."""
     folder = arguments.folder
     folder.mkdir(parents=True, exist_ok=True)
     options = {
         name: getattr(arguments, name) for name in ("controls", "references", "new", "lesions", "seed")
     }
-    options["real"] = 0
-    if arguments.project:
-        project = ProjectFolder(arguments.project)
-        result = read_result(project)
-        options["real"] = len(result.names)
-        if not (folder / CONTROLS).exists():
-            controls = replace(read_controls(project, result, range(len(result.names))), jointly=None)
-            (folder / CONTROLS).write_bytes(pickle.dumps(controls))
     path = folder / "options.json"
     if path.exists() and (before := options_of(folder)) != options:
         sys.exit(f"{folder}: was begun with other options: {before}; take another folder")
     path.write_text(json.dumps(options))
-    return [
-        (study, number)
-        for study, count in (("generated", options["references"]), ("real", options["real"]))
-        for number in range(count)
-    ]
 
 
 def lines_of(folder: Path) -> list[dict[str, Any]]:
@@ -358,16 +317,17 @@ def lines_of(folder: Path) -> list[dict[str, Any]]:
 
 def work(arguments: argparse.Namespace) -> None:
     os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
-    folder, references = arguments.folder, prepared(arguments)
+    prepared(arguments)
+    folder, references = arguments.folder, range(arguments.references)
     begun = time.perf_counter()
     finished = lines_of(folder)
     (folder / OUTCOMES).write_text("".join(f"{json.dumps(line)}\n" for line in finished))
     done = {line["key"] for line in finished}
     with worker_processes(arguments.workers) as executor, (folder / OUTCOMES).open("a") as log:
-        missing = [item for item in references if not path_of(folder, *item).exists()]
-        for future in as_completed([executor.submit(make_reference, folder, *item) for item in missing]):
+        missing = [item for item in references if not path_of(folder, item).exists()]
+        for future in as_completed([executor.submit(make_reference, folder, item) for item in missing]):
             print(future.result(), file=sys.stderr, flush=True)
-        tasks = [task for item in references for task in tasks_of(folder, *item) if task.key not in done]
+        tasks = [task for item in references for task in tasks_of(folder, item) if task.key not in done]
         futures = [executor.submit(outcome, folder, task) for task in tasks]
         for number, future in enumerate(as_completed(futures)):
             log.write(f"{json.dumps(future.result())}\n")
@@ -382,19 +342,16 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--summary", action="store_true")
     parser.add_argument("--workers", type=int, default=os.cpu_count())
-    parser.add_argument("--project", type=Path, help="of real healthy subjects")
     parser.add_argument("--controls", type=int, default=24)
     parser.add_argument("--references", type=int, default=10)
     parser.add_argument("--new", type=int, default=20)
-    parser.add_argument("--lesions", type=int, default=200, help="of each height and width, in each study")
+    parser.add_argument("--lesions", type=int, default=200, help="of each height and width")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     if not arguments.summary:
         work(arguments)
     lines = lines_of(arguments.folder)
-    for study in ("generated", "real"):
-        if own := [line for line in lines if line["study"] == study]:
-            report(own, study)
+    report(lines)
 
 
 if __name__ == "__main__":

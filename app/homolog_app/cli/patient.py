@@ -219,7 +219,7 @@ def add_patient_report(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the
         "patient",
         help="report of one patient against a reference as PDF or HTML",
         description="Compare a patient with a reference made by homolog reference and write only the "
-        "report, as two pages of PDF or one HTML page. homolog patient also writes tables and surfaces.",
+        "report, as PDF or one HTML page. homolog patient also writes tables and surfaces.",
     )
     parser.add_argument("reference", type=Path, help="file that homolog reference wrote")
     parser.add_argument("file", type=Path, help="segmentation or mesh of the patient")

@@ -14,9 +14,15 @@ from homolog.errors import InputError
 from homolog_app.exports.motion import SCALE_SHARE, Box, Motion, ViewCell, make_plan, turned
 from homolog_app.exports.settings import Background, Colouring, FilmSettings, PictureSettings, camera_view
 from homolog_app.pictures import DARK, LIGHT, VIEWS, View, three_quarter_view
-from homolog_app.pictures.layout import draw_displacement_bar
+from homolog_app.pictures.layout import draw_colour_bar
 from homolog_app.rendering.camera import Clip, Frame, cut_of, round_length
-from homolog_app.rendering.colours import Theme, common_limit, diverging_colours, outward_displacement
+from homolog_app.rendering.colours import (
+    Theme,
+    common_limit,
+    displacement_scale,
+    diverging_colours,
+    outward_displacement,
+)
 from homolog_app.rendering.draw import draw
 from homolog_app.rendering.rays import hollows
 from homolog_app.rendering.scene import Scene, surface
@@ -92,7 +98,7 @@ class Board:
                 box.height / self.height,
             )
         )
-        draw_displacement_bar(place, limit, self._theme, 0.7 * self.em * 72.0 / _DPI)
+        draw_colour_bar(place, displacement_scale(limit), self._theme, 0.7 * self.em * 72.0 / _DPI)
 
     def compose(self, images: Sequence[tuple[Box, Array]]) -> NDArray[np.uint8]:
         """Return the page with images (red, green, blue, opacity; uint8) composited onto it, (H, W, 4)."""

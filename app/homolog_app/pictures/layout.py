@@ -21,7 +21,7 @@ from homolog.io.atomic import atomic_write
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.pictures.png import png_of
 from homolog_app.rendering.camera import View, frame_around
-from homolog_app.rendering.colours import LIGHT, Theme, displacement_scale
+from homolog_app.rendering.colours import LIGHT, ColourScale, Theme, displacement_scale
 from homolog_app.rendering.rays import Software
 from homolog_app.rendering.scene import Scene, Surface
 from homolog_app.rendering.text import complete_texts
@@ -29,7 +29,7 @@ from homolog_app.rendering.text import complete_texts
 __all__ = [
     "Panel",
     "arrange",
-    "draw_displacement_bar",
+    "draw_colour_bar",
     "view_of_region",
     "write_picture",
 ]
@@ -165,6 +165,7 @@ def arrange(
     row_labels: Sequence[str] = (),
     headings: Sequence[str] = (),
     limit: float | None = None,
+    scale: ColourScale | None = None,
     theme: Theme = LIGHT,
 ) -> Figure:
     """Lay out panels in a grid, with one page pixel per image pixel.
@@ -181,10 +182,14 @@ def arrange(
         Headings that divide the columns evenly, from the left.
     limit : float, optional
         If given, draw the bar of the displacement colours, from -limit to limit [mm].
+    scale : ColourScale, optional
+        If given, draw the bar of this scale.
     theme : Theme
         Background and text.
     """
     panels = [panel for row in rows for panel in row]
+    if limit and scale is None:
+        scale = displacement_scale(limit)
     wide = max(panel.image.shape[1] for panel in panels) / _DPI
     heights = [max(panel.image.shape[0] for panel in row) / _DPI for row in rows]
     caption = _LINE if any(panel.caption for panel in panels) else 0.0
@@ -194,8 +199,8 @@ def arrange(
     groups = max(len(headings), 1)
     right = left + columns * (wide + _GAP) - _GAP + (groups - 1) * _GROUP_GAP
     bottom = top + sum(heights) + len(rows) * (caption + _GAP) - _GAP
-    bottom = max(bottom, top + _BAR_LENGTH / 2.0 + 4.0 * _LINE) if limit else bottom
-    page = _Page(right + _EDGE + (_BAR_AREA if limit else 0.0), bottom + _EDGE, theme)
+    bottom = max(bottom, top + _BAR_LENGTH / 2.0 + 4.0 * _LINE) if scale else bottom
+    page = _Page(right + _EDGE + (_BAR_AREA if scale else 0.0), bottom + _EDGE, theme)
     if title:
         page.text((left + right) / 2.0, _EDGE, title, _TITLE_PT)
     for index, heading in enumerate(headings):
@@ -211,18 +216,17 @@ def arrange(
             page.image(x + (wide - w) / 2.0, y + (high - h) / 2.0, w, h, panel.image)
             page.text(x + wide / 2.0, y + high + 0.02, panel.caption)
         y += high + caption + _GAP
-    if limit:
+    if scale:
         length = min(bottom - top - 4.5 * _LINE, _BAR_LENGTH)
         x = right + _EDGE + (_BAR_AREA - _BAR_WIDTH) / 2.0
-        draw_displacement_bar(page.axes(x, (top + bottom - length) / 2.0, _BAR_WIDTH, length), limit, theme)
+        draw_colour_bar(page.axes(x, (top + bottom - length) / 2.0, _BAR_WIDTH, length), scale, theme)
     return page.figure
 
 
-def draw_displacement_bar(place: Axes, limit: float, theme: Theme, font_pt: float = _FONT_PT) -> None:
-    """Draw the displacement colours with their scale and labels."""
-    scale = displacement_scale(limit)
+def draw_colour_bar(place: Axes, scale: ColourScale, theme: Theme, font_pt: float = _FONT_PT) -> None:
+    """Draw the colours of a scale that is symmetric about 0, with its labels."""
     colours = ScalarMappable(Normalize(scale.low, scale.high), ListedColormap(scale.table / 255.0))
-    ticks = np.linspace(-limit, limit, 5)
+    ticks = np.linspace(scale.low, scale.high, 5)
     bar = place.figure.colorbar(colours, cax=place, ticks=ticks)
     bar.ax.set_yticklabels([f"{tick:+.3g}".replace("-", "−") if tick else "0" for tick in ticks])
     bar.ax.tick_params(labelsize=font_pt, colors=theme.text, length=2.5)

@@ -320,6 +320,12 @@ def displacement_scale(
     return ColourScale(title, "mm", -limit, limit, table, *texts, note)
 
 
+def thickness_scale(limit: float, note: str = "") -> ColourScale:
+    """Return the scale of differences of the wall's thickness, from -limit to limit [%]."""
+    scale = displacement_scale(limit, "Thickness of the wall, relative to the expected one", note)
+    return replace(scale, unit="%", low_label="thinner", high_label="thicker")
+
+
 def viridis() -> Array:
     """Return a sequential colour map, (256, 3) uint8."""
     stops = np.linspace(0.0, 1.0, len(_VIRIDIS))

@@ -30,6 +30,7 @@ from homolog.patient.findings import (
     nearest_controls_text,
     reference_rows,
     region_rows,
+    visible_rows,
     who_text,
 )
 from homolog.progress import Tick, no_tick, part_of
@@ -37,7 +38,7 @@ from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.follow_up import check_times, write_follow_up
 from homolog_app.report.page import Page, template_text
-from homolog_app.report.patient_figures import maps_figure, percentiles_figure
+from homolog_app.report.patient_figures import maps_figure, percentiles_figure, wall_figure
 from homolog_app.report.sheets import write_page
 
 __all__ = [
@@ -72,8 +73,12 @@ _SUMMARY = (
     "remarks",
     "error",
 )
-_REGIONS = ("region", "area (mm²)", "mean (mm)", "peak (mm)", "z at peak", "place", "particles")
+_REGIONS = ("region", "area (mm²)", "mean (mm)", "peak (mm)", "wall (%)", "z at peak", "place", "particles")
 _NUMBERS = ("", "value", "percentile of controls (95 % interval)", "p")
+_WALL = (
+    "Thickness of the wall in %, relative to that of controls scaled to this wall as a whole: blue is "
+    "thicker, yellow thinner; faint within the limit."
+)
 _MARKS = (
     "Marks: controls fitted as patients; band: their middle 90 %; dashed: limit; diamond: this subject, "
     "red where p is 0.05 or less or where it is beyond the limit."
@@ -260,6 +265,7 @@ def write_patient(
             "area_mm2",
             "mean_mm",
             "peak_mm",
+            "peak_wall",
             "peak_z",
             "x_mm",
             "y_mm",
@@ -273,6 +279,7 @@ def write_patient(
                 region.area,
                 region.mean,
                 region.peak,
+                region.thicker,
                 region.z,
                 *comparison.position(region).tolist(),
                 comparison.place(region),
@@ -291,12 +298,13 @@ def write_patient(
         "region": numbers,
         "difference_from_mean_mm": comparison.total,
         "z_from_mean": comparison.total_z,
-        "detectable_mm": reference.detectable,
+        "detectable_mm": reference.detectable[0],
+        "wall_difference": comparison.thicker,
         "cut_off": comparison.missing.astype(np.int32),
     }
     write_mesh(folder / "map.vtp", comparison.expected.placed(back), values)
     vertices = len(comparison.mesh.vertices)
-    mapped = ("difference_mm", "z", "difference_from_mean_mm", "z_from_mean")
+    mapped = ("difference_mm", "wall_difference", "z", "difference_from_mean_mm", "z_from_mean")
     carried = {name: comparison.own.carried(values[name])[:vertices] for name in mapped}
     write_mesh(folder / "patient.vtp", comparison.mesh, carried)
     write_particles(folder / "patient_local.particles", comparison.particles)
@@ -322,11 +330,16 @@ def patient_page(
         f"from the mean of the reference.{grey if comparison.missing.any() else ''}"
     )
     figures = {
-        "maps": [ReportFigure("maps", maps_figure(comparison), maps)],
+        "maps": [
+            ReportFigure("maps", maps_figure(comparison), maps),
+            ReportFigure("wall", wall_figure(comparison), _WALL),
+        ],
         "percentiles": [ReportFigure("percentiles", percentiles_figure(comparison, reference), _MARKS)],
     }
+    visible = visible_rows(reference)
     tables: dict[str, Mapping[str, Any]] = {
         "regions": {"columns": _REGIONS, "rows": region_rows(comparison, reference)},
+        "visible": {"columns": visible[0], "rows": visible[1:]},
         "numbers": {"columns": _NUMBERS, "rows": measure_rows(comparison, reference)},
         "reference": {"columns": ("", "value"), "rows": reference_rows(reference)},
     }

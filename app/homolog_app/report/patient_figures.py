@@ -6,18 +6,26 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
+from homolog.arrays import FloatArray
 from homolog.geometry import inverse_matrices
 from homolog.patient import Change, FollowUp, PatientComparison, Reference
 from homolog.patient.findings import beyond_limit
 from homolog_app.pictures.layout import Panel, arrange, view_of_region
 from homolog_app.plots import draw_percentiles, new_figure
 from homolog_app.rendering.camera import VIEWS, View, frame_around, three_quarter_view
-from homolog_app.rendering.colours import LIGHT, common_limit, displacement_scale, page_colours
+from homolog_app.rendering.colours import (
+    LIGHT,
+    ColourScale,
+    common_limit,
+    displacement_scale,
+    page_colours,
+    thickness_scale,
+)
 from homolog_app.rendering.draw import draw
 from homolog_app.rendering.rays import hollows
 from homolog_app.rendering.scene import Scene, Surface, surface
 
-__all__ = ["change_figure", "maps_figure", "percentiles_figure"]
+__all__ = ["change_figure", "maps_figure", "percentiles_figure", "wall_figure"]
 
 _ANATOMICAL = ("anterior", "posterior", "superior")
 
@@ -31,19 +39,33 @@ def maps_figure(comparison: PatientComparison, width: int = 400) -> Figure:
     width : int
         Pixels of a panel's width.
     """
-    own = comparison.own
-    beyond = np.zeros(len(comparison.z), dtype=bool)
-    for region in comparison.regions:
-        beyond[region.vertices] = True
-    limit = common_limit([comparison.residual, comparison.total])
-    scale, grey = displacement_scale(limit), own.marked(comparison.missing)
-    views, shadow = _views(comparison), hollows(own.mesh)
+    scale = displacement_scale(common_limit([comparison.residual, comparison.total]))
     rows = [
-        _row(surface(own.mesh, scale.colours(own.carried(values), grey, faint) / 255.0, shadow), views, width)
-        for values, faint in ((comparison.residual, ~own.marked(beyond)), (comparison.total, None))
+        _map_row(comparison, scale, comparison.residual, width),
+        _map_row(comparison, scale, comparison.total, width, faint=False),
     ]
     labels = ("from the expected shape", "from the mean")
-    return arrange(rows, row_labels=labels, limit=limit, theme=LIGHT)
+    return arrange(rows, row_labels=labels, scale=scale, theme=LIGHT)
+
+
+def wall_figure(comparison: PatientComparison, width: int = 400) -> Figure:
+    """Draw the differences of the wall's thickness on the patient's own surface; see `maps_figure`."""
+    percent = 100.0 * comparison.thicker
+    scale = thickness_scale(common_limit([percent]))
+    row = _map_row(comparison, scale, percent, width)
+    return arrange([row], row_labels=["thickness"], scale=scale, theme=LIGHT)
+
+
+def _map_row(
+    comparison: PatientComparison, scale: ColourScale, values: FloatArray, width: int, *, faint: bool = True
+) -> tuple[Panel, ...]:
+    """Draw a map (V,) on the patient's own surface, faint within the limit."""
+    own, beyond = comparison.own, np.zeros(len(comparison.z), dtype=bool)
+    for region in comparison.regions:
+        beyond[region.vertices] = True
+    grey, within = own.marked(comparison.missing), ~own.marked(beyond) if faint else None
+    colours = scale.colours(own.carried(values), grey, within) / 255.0
+    return _row(surface(own.mesh, colours, hollows(own.mesh)), _views(comparison), width)
 
 
 def change_figure(follow_up: FollowUp, change: Change, width: int = 400) -> Figure:

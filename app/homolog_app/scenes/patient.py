@@ -12,7 +12,7 @@ from homolog.cohort import Subject
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.progress import Tick
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.rendering.colours import ColourScale, displacement_scale
+from homolog_app.rendering.colours import ColourScale, displacement_scale, thickness_scale
 from homolog_app.rendering.content import Content, ViewContents
 from homolog_app.rendering.text import signed, typeset
 from homolog_app.scenes.shapes import region_border
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = [
     "EXPECTED",
     "MEAN",
+    "WALL",
     "ComparedPatient",
     "PatientDisplay",
     "Z",
@@ -71,8 +72,9 @@ def about_texts(reference: "Reference | None") -> tuple[str, str]:
     return "\n".join(line for line in lines if line not in cautions), "\n".join(cautions)
 
 
-EXPECTED, MEAN, Z = "expected", "mean", "z"
-"""Maps: difference from the expected shape [mm], from the mean [mm], and from the expected shape [SD]."""
+EXPECTED, MEAN, WALL, Z = "expected", "mean", "wall", "z"
+"""Maps: difference from the expected shape [mm], from the mean [mm], of the wall's thickness from the
+expected one [%], and z of position and thickness [SD]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +115,7 @@ def patient_scene(
     faded, grey = comparison.missing, ["cut off"] if comparison.missing.any() else []
     if only_beyond and kind != MEAN:
         faded, grey = faded | ~beyond, [*grey, "within the limit of 5 % of healthy subjects"]
-        scale = replace(scale, note="" if kind == EXPECTED else scale.note)  # grey instead of faint
+        scale = replace(scale, note="" if kind in (EXPECTED, WALL) else scale.note)  # grey instead of faint
     scale = replace(scale, grey_label=" or ".join(grey))
     steps = _steps(comparison, reference) if look.by_modes else _straight(comparison)
     note, vertices = _point_on_path(comparison.mean.vertices, steps, look.way)
@@ -265,6 +267,9 @@ def _scale(
             common_limit([reach]), "Difference from the expected shape", f"limit ± {reference.limit:.1f}"
         )
         return replace(scale, unit="SD"), comparison.z
+    if kind == WALL:
+        percent = 100.0 * comparison.thicker
+        return thickness_scale(common_limit([percent]), "faint within the limit"), percent
     limit = common_limit([comparison.residual, comparison.total])
     if kind == MEAN:
         return displacement_scale(limit, "Difference from the mean of the reference"), comparison.total

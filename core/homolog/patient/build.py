@@ -16,10 +16,10 @@ from homolog.patient.change import ExpectedChange
 from homolog.patient.coding import Coding
 from homolog.patient.controls import Controls, read_controls
 from homolog.patient.left_out import LeftOut, fit_left_out
-from homolog.patient.local import LocalNorm, bands_of, maxima_left_out, prediction_limit
+from homolog.patient.local import BEST_GAINS, LEVEL, LocalNorm, bands_of, norm_and_maxima, prediction_limit
 from homolog.patient.placed import Placing
 from homolog.patient.provenance import Provenance, Quality
-from homolog.patient.reference import LEVEL, Reference
+from homolog.patient.reference import Reference
 from homolog.patient.surface_model import SurfaceModel
 from homolog.patient.times import seen_twice
 from homolog.progress import Tick, no_tick, part_of
@@ -226,9 +226,8 @@ def _reference(
     provenance: Provenance,
     placing: Placing | None,
 ) -> Reference:
-    maxima = maxima_left_out(left_out.residuals, model.faces)
+    local, maxima = norm_and_maxima(left_out.maps, bands_of(left_out.maps, model.faces))
     limit = prediction_limit(maxima, LEVEL)
-    local = LocalNorm.of(bands_of(left_out.residuals, model.faces), model.faces)
     values: dict[str, Any] = {
         name: np.array([getattr(item, name) for item in left_out.measures])
         for name in ("mahalanobis", "outside", "size", "gap")
@@ -237,9 +236,9 @@ def _reference(
         near=float((left_out.errors < _NEAR).mean()),
         error_95=float(np.quantile(left_out.errors, 0.95)),
         outside=float(values["outside"].mean()),
-        limit_mm=float(limit * local.deviation[0].mean()),
+        limit_mm=float(limit * (local.deviation[0] / BEST_GAINS[:, None]).min(axis=0).mean()),
     )
-    total = LocalNorm.of(left_out.totals, model.faces)
+    total = LocalNorm.of(left_out.totals)
     return Reference(
         model=model,
         modes=modes,
@@ -248,6 +247,7 @@ def _reference(
         maxima=maxima,
         limit=limit,
         local=local,
+        usual=LocalNorm.of(left_out.maps),
         total=total,
         quality=quality,
         provenance=provenance,

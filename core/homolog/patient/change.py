@@ -126,11 +126,11 @@ class ExpectedChange:
             Interval between the times, as text.
         """
         maps, everyone = ring_mean(changes, surface.faces, AVERAGED), np.arange(len(changes))
-        norms = [LocalNorm.of(maps[everyone != index], surface.faces) for index in everyone.tolist()]
+        norms = [LocalNorm.of(maps[everyone != index]) for index in everyone.tolist()]
         maxima = [np.abs(norm.standardised(own)).max() for norm, own in zip(norms, maps, strict=True)]
         beyond = [_rms(own - norm.mean, surface) for norm, own in zip(norms, maps, strict=True)]
         return cls(
-            LocalNorm.of(maps, surface.faces),
+            LocalNorm.of(maps),
             np.array(beyond),
             volumes,
             np.array(maxima),

@@ -15,13 +15,14 @@ from homolog.grooming import GroomedSubject, groom_subject
 from homolog.grooming.subject import AT_BORDER
 from homolog.patient.checks import check_fit, check_unit, unlike_controls_text
 from homolog.patient.controls import COARSE_VERTICES
-from homolog.patient.cut import CutFit, check_cut, ends_of, fit_rest, flat_ends, flat_remarks
+from homolog.patient.cut import CutFit, check_cut, distance_z, ends_of, fit_rest, flat_ends, flat_remarks
 from homolog.patient.distribution import Percentile, percentile
 from homolog.patient.fit import SurfaceFit, fit_surface
 from homolog.patient.left_out import Measures, measures_of
 from homolog.patient.local import Region, bands_of, regions, scores_of
 from homolog.patient.own_surface import OwnSurface, own_surface
 from homolog.patient.reference import Reference
+from homolog.patient.wall import local_maps
 from homolog.progress import Tick, no_tick, part_of, run_in_background
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import MIRROR
@@ -59,7 +60,11 @@ class PatientComparison:
         Percentiles of the measures, and of the largest absolute z, among controls that were fitted as
         patients.
     z : (V,) array
-        Differences from the expected shape, standardised.
+        Differences of position and thickness from the expected ones, standardised: the most extreme of both,
+        and of several widths.
+    thicker : (V,) array
+        Difference of the wall's thickness, relative to the expected one: that of controls, scaled to the
+        patient's wall as a whole.
     missing : (V,) bool array
         Vertices cut off by the border of the image; their differences and z are 0.
     total, total_z : (V,) arrays
@@ -89,6 +94,7 @@ class PatientComparison:
     size: Percentile
     local: Percentile
     z: FloatArray
+    thicker: FloatArray
     missing: BoolArray
     total: FloatArray
     total_z: FloatArray
@@ -105,7 +111,7 @@ class PatientComparison:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("placement", "z", "total", "total_z", "particles"):
+        for name in ("placement", "z", "thicker", "total", "total_z", "particles"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
         object.__setattr__(self, "missing", frozen(self.missing, np.bool_))
 
@@ -240,8 +246,8 @@ def compare_groomed(
     ]
     # Whether the part at the border is missing is known now, and said in the remarks.
     notes = [note for note in groomed.report.notes if note != AT_BORDER]
-    z = _z(reference, fit)
-    z[cut.missing] = 0.0
+    maps = _maps(reference, fit, mesh, cut.missing)
+    z = _z(reference, maps, cut.missing)
     surface, placement = model.surface(fit.expected), fit.pose @ turn
     on_patient = surface.placed(inverse_matrices(placement))
     particles, unplaced = _particles(reference, groomed, fit, turn, part_of(tick, 0.4, 1.0))
@@ -259,10 +265,11 @@ def compare_groomed(
         size=percentile(measures.size, reference.size, both_sides=True),
         local=percentile(float(np.abs(z).max()), reference.maxima),
         z=z,
+        thicker=_thicker(reference, maps),
         missing=cut.missing,
         total=total,
         total_z=reference.total.standardised(total),
-        regions=_regions(reference, fit, z),
+        regions=_regions(reference, fit, maps, z),
         remarks=(*notes, *remarks, *unplaced),
         cautions=(*remarks, *unplaced),
         particles=particles,
@@ -287,7 +294,9 @@ def _fit(
     fit = fit_surface(reference.model, mesh, coarse, columns, tick)
     ends = ends_of(reference, groomed, mesh, turn, fit.pose)
     expected = reference.model.surface(fit.expected)
-    flat = flat_ends(groomed, mesh, fit, expected, _regions(reference, fit), ends)
+    areas, z = expected.vertex_areas, distance_z(reference, fit)
+    apart = regions(expected, areas, fit.residual, z, fit.met, reference.limit)
+    flat = flat_ends(groomed, mesh, fit, expected, apart, ends)
     if flat and not cut_off:
         rest = fit_rest(reference, mesh, coarse, columns, flat, fit)
         remarks = flat_remarks(rest, [_named(turn[:3, :3].T @ end.direction) for end in flat])
@@ -297,16 +306,27 @@ def _fit(
     return cut, bool(ends), remarks
 
 
-def _z(reference: Reference, fit: SurfaceFit) -> FloatArray:
-    """Return the differences from the expected shape in standard deviations (V,)."""
-    return scores_of(reference.local, fit.residual, bands_of(fit.residual, reference.model.faces))
+def _maps(reference: Reference, fit: SurfaceFit, mesh: TriangleMesh, missing: BoolArray) -> FloatArray:
+    """Return the patient's maps (2, V), with the usual values where a part is missing."""
+    return np.where(missing, reference.usual.mean, local_maps(reference.model, fit, mesh))
 
 
-def _regions(reference: Reference, fit: SurfaceFit, z: FloatArray | None = None) -> tuple[Region, ...]:
+def _z(reference: Reference, maps: FloatArray, missing: BoolArray) -> FloatArray:
+    """Return the differences of maps (2, V) from the expected ones in standard deviations (V,)."""
+    seen, bands = ~missing, bands_of(maps, reference.model.faces)
+    return np.where(seen, scores_of(reference.local, maps, reference.usual.mean, bands, seen), 0.0)
+
+
+def _thicker(reference: Reference, maps: FloatArray) -> FloatArray:
+    """Return the difference of the thickness, relative to the expected one (V,)."""
+    relative: FloatArray = np.expm1(maps[1] - reference.usual.mean[1])
+    return relative
+
+
+def _regions(reference: Reference, fit: SurfaceFit, maps: FloatArray, z: FloatArray) -> tuple[Region, ...]:
     """Return the regions beyond the limit."""
-    surface = reference.model.surface(fit.expected)
-    z = _z(reference, fit) if z is None else z
-    return regions(surface, surface.vertex_areas, fit.residual, z, fit.met, reference.limit)
+    surface, thicker = reference.model.surface(fit.expected), _thicker(reference, maps)
+    return regions(surface, surface.vertex_areas, fit.residual, z, fit.met, reference.limit, thicker)
 
 
 def _named(way: FloatArray) -> str:

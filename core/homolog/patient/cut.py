@@ -11,12 +11,12 @@ from homolog.errors import InputError
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject
 from homolog.patient.fit import CutEnd, SurfaceFit, fit_surface
-from homolog.patient.local import Region, bands_of
+from homolog.patient.local import Region
 from homolog.patient.reference import Reference
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["CutFit", "check_cut", "ends_of", "fit_rest", "flat_ends", "flat_remarks"]
+__all__ = ["CutFit", "check_cut", "distance_z", "ends_of", "fit_rest", "flat_ends", "flat_remarks"]
 
 _CAP_COSINE, _CAP_DEPTH = 0.97, 2.0
 """Flat end: least cosine between normals and axis, and largest depth inward [nodes]."""
@@ -166,6 +166,13 @@ def ends_of(
     return [_end(groomed, mesh, way) for way in borders if not reference.ends_at(pose[:3, :3] @ way)]
 
 
+def distance_z(reference: Reference, fit: SurfaceFit) -> FloatArray:
+    """Return distances from the expected shape in standard deviations (V,), however wide a difference is."""
+    usual = reference.usual
+    z: FloatArray = (fit.residual - usual.mean[0]) / usual.deviation[0]
+    return z
+
+
 def flat_ends(
     groomed: GroomedSubject,
     mesh: TriangleMesh,
@@ -186,7 +193,7 @@ def flat_ends(
     surface : TriangleMesh
         Expected surface of this fit.
     regions : sequence of Region
-        Regions where the patient differs from it.
+        Regions of large distances from it.
     known : sequence of CutEnd
         Ends at the border of the image; the result excludes them.
     """
@@ -252,7 +259,7 @@ def _continues_beyond(reference: Reference, mesh: TriangleMesh, fit: SurfaceFit,
     """Return whether a fit without an end expects much of the surface beyond it."""
     model = reference.model
     surface = model.surface(fit.expected)
-    z = reference.local.standardised(bands_of(fit.residual, model.faces))[0]
+    z = distance_z(reference, fit)
     vertices = transform_points(inverse_matrices(fit.pose), surface.vertices)
     nearest = np.asarray(KDTree(mesh.vertices).query(vertices, k=8)[1])
     areas = surface.vertex_areas

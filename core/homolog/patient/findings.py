@@ -12,7 +12,7 @@ from homolog.patient.checks import unlike_controls_text
 from homolog.patient.compare import PatientComparison
 from homolog.patient.distribution import Percentile
 from homolog.patient.follow_up import Change, FollowUp
-from homolog.patient.local import Region
+from homolog.patient.local import BEST_WIDTHS, Region
 from homolog.patient.reference import Reference
 from homolog.patient.typicality import Typicality, typicality
 
@@ -33,6 +33,7 @@ __all__ = [
     "reference_text",
     "region_rows",
     "times_text",
+    "visible_rows",
     "who_text",
 ]
 
@@ -162,13 +163,15 @@ def finding(comparison: PatientComparison, reference: Reference) -> str:
     """Summarize the comparison in a sentence: size, whole shape, places, and what could have been found."""
     controls = reference.provenance.controls
     usual = "expected" if reference.coding.names else "mean"
-    least, most = np.quantile(reference.detectable, (0.05, 0.95)).tolist()
+    position, thickness = reference.detectable
+    least, most = np.quantile(position, (0.05, 0.95)).tolist()
     return (
         f"Size is {100.0 * comparison.size.value:.0f} % of the {usual} size "
         f"({_rank(comparison.size, controls, 'larger', 'smaller')}), the whole shape is at percentile "
         f"{comparison.mahalanobis.percent:.0f} in the modes and {comparison.outside.percent:.0f} outside "
         f"them, and {_places(comparison, reference)}; smallest difference that could have been found: "
-        f"{reference.quality.limit_mm:.1f} mm ({least:.1f} to {most:.1f} by place), more if narrow."
+        f"{reference.quality.limit_mm:.1f} mm ({least:.1f} to {most:.1f} by place), or a wall thinner by "
+        f"{-100.0 * np.expm1(-float(thickness.mean())):.0f} %."
     )
 
 
@@ -190,9 +193,9 @@ def _places(comparison: PatientComparison, reference: Reference) -> str:
     area = sum(region.area for region in comparison.regions)
     places = "1 place differs" if count == 1 else f"{count} places differ"
     return (
-        f"{places} by more than the limit, {area:.0f} mm² in total, most of all {_side(first)} by up to "
-        f"{abs(first.peak):.1f} mm{f' ({where})' if where else ''}, |z| {abs(first.z):.1f} (limit "
-        f"{reference.limit:.1f})"
+        f"{places} by more than the limit, {area:.0f} mm² in total, most of all {abs(first.peak):.1f} mm "
+        f"{_side(first)} with a wall {abs(100.0 * first.thicker):.0f} % {_wall(first)} than expected"
+        f"{f' ({where})' if where else ''}, |z| {abs(first.z):.1f} (limit {reference.limit:.1f})"
     )
 
 
@@ -220,13 +223,14 @@ def measure_rows(comparison: PatientComparison, reference: Reference) -> list[tu
 
 
 def region_rows(comparison: PatientComparison, reference: Reference) -> list[tuple[str, ...]]:
-    """Return a row for each region: number, area, mean, peak, z, place, particles."""
+    """Return a row for each region: number, area, mean, peak, wall, z, place, particles."""
     return [
         (
             str(number),
             f"{region.area:.0f}",
             f"{region.mean:+.1f}",
             f"{region.peak:+.1f}",
+            f"{100.0 * region.thicker:+.0f}",
             f"{region.z:+.1f}",
             _place(comparison, region),
             " ".join(map(str, comparison.nearest_particles(region, reference).tolist())),
@@ -239,6 +243,31 @@ def _place(comparison: PatientComparison, region: Region) -> str:
     x, y, z = comparison.position(region)
     side = comparison.place(region)
     return f"{side + ', ' if side else ''}LPS {x:.0f} {y:.0f} {z:.0f}"
+
+
+def visible_rows(reference: Reference) -> list[tuple[str, ...]]:
+    """Return the share of the surface on which differences are found: size, and share at three widths [%].
+
+    The first row is the head.
+    """
+    widths = [float(f"{width:.2g}") for width in BEST_WIDTHS * reference.surface.mean_edge]
+    usual = reference.quality.limit_mm
+    heights = [float(f"{factor * usual:.2g}") for factor in (0.5, 1.0, 2.0)]
+    sizes = [
+        *((f"{height:g} mm", height, 0) for height in heights),
+        *((f"wall thinner by {100.0 * share:.0f} %", np.log1p(-share), 1) for share in (0.2, 0.4, 0.6)),
+    ]
+    return [
+        ("difference", *(f"{width:g} mm wide" for width in widths)),
+        *(
+            (name, *(f"{100.0 * reference.visible(size, width, kind).mean():.0f}" for width in widths))
+            for name, size, kind in sizes
+        ),
+    ]
+
+
+def _wall(region: Region) -> str:
+    return "thicker" if region.thicker > 0.0 else "thinner"
 
 
 def _side(region: Region) -> str:

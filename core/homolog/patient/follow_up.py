@@ -13,6 +13,7 @@ from homolog.patient.fit import SurfaceFit
 from homolog.patient.local import Region, prediction_limit, regions
 from homolog.patient.mesh_graph import ring_mean
 from homolog.progress import Tick, no_tick, part_of
+from homolog.statistics.moderation import moderated
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Change", "FollowUp", "compare_times"]
@@ -22,9 +23,6 @@ _POINTWISE = 1.96
 """Half-width of the range of 95 % of differences of two measurements [SD] (Bland and Altman 1999)."""
 _FEWEST_REPEATS = 3
 """Smallest number of repeats for a limit of the whole surface."""
-_SMOOTHED = 3
-_PRIOR_DOF = 4.0
-"""Weight of the surface's mean variance relative to a vertex's own (Smyth 2004)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,8 +146,8 @@ def compare_times(
     error, limit = None, None
     if again:
         maps = ring_mean(np.stack([fit.residual - own.residual for fit in again]), faces, AVERAGED)
-        error = _deviation(maps, surface)
-        limit = _limit(maps, surface) if len(again) >= _FEWEST_REPEATS else _POINTWISE
+        error = _deviation(maps)
+        limit = _limit(maps) if len(again) >= _FEWEST_REPEATS else _POINTWISE
     changes = [
         _change(first, item, surface, own, fit, error, limit, expected)
         for item, fit in zip(comparisons[1:], later, strict=True)
@@ -190,19 +188,16 @@ def _change(
     )
 
 
-def _deviation(maps: FloatArray, surface: TriangleMesh) -> FloatArray:
-    """Return the standard deviation of differences (n, V) whose mean is 0, averaged over neighbours."""
-    variance = ring_mean(np.square(maps).mean(axis=0), surface.faces, _SMOOTHED)
-    mean = float(variance.mean())
-    moderated = (_PRIOR_DOF * mean + len(maps) * variance) / (_PRIOR_DOF + len(maps))
-    return np.sqrt(np.maximum(moderated, 1e-12))
+def _deviation(maps: FloatArray) -> FloatArray:
+    """Return the standard deviation of differences (n, V) whose mean is 0, moderated over the surface."""
+    variance = moderated(np.square(maps).mean(axis=0), len(maps))
+    return np.sqrt(np.maximum(variance, 1e-12))
 
 
-def _limit(maps: FloatArray, surface: TriangleMesh) -> float:
+def _limit(maps: FloatArray) -> float:
     """Return the limit that another repeat exceeds anywhere in 5 % of cases."""
     everyone = np.arange(len(maps))
     maxima = [
-        float(np.abs(maps[index] / _deviation(maps[everyone != index], surface)).max())
-        for index in everyone.tolist()
+        float(np.abs(maps[index] / _deviation(maps[everyone != index])).max()) for index in everyone.tolist()
     ]
     return max(prediction_limit(np.array(maxima), _LEVEL), _POINTWISE)

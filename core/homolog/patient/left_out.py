@@ -16,6 +16,7 @@ from homolog.patient.controls import COARSE_VERTICES, Controls
 from homolog.patient.fit import SurfaceFit, fit_surface
 from homolog.patient.placed import Placing
 from homolog.patient.surface_model import SurfaceModel
+from homolog.patient.wall import local_maps
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import MIRROR
@@ -58,8 +59,8 @@ class LeftOut:
     Attributes
     ----------
     measures : tuple of Measures
-    residuals : (M, V) array
-        Local differences from the expected shape [mm].
+    maps : (2, M, V) array
+        Local differences from the expected shape [mm], and relative thickness (`local_maps`).
     totals : (M, V) array
         Local differences from the mean [mm].
     errors : (E, N) array
@@ -76,7 +77,7 @@ class LeftOut:
     """
 
     measures: tuple[Measures, ...]
-    residuals: FloatArray
+    maps: FloatArray
     totals: FloatArray
     errors: FloatArray
     changes: FloatArray
@@ -86,7 +87,7 @@ class LeftOut:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("residuals", "totals", "errors", "changes", "volumes", "mirrored", "borders"):
+        for name in ("maps", "totals", "errors", "changes", "volumes", "mirrored", "borders"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
 
@@ -204,7 +205,7 @@ def fit_left_out(
     done = [fitted[name] for name in controls.names]
     return LeftOut(
         tuple(item[0] for item in done),
-        np.stack([item[1] for item in done]),
+        np.stack([item[1] for item in done], axis=1),
         np.stack([item[2] for item in done]),
         np.stack([done[index][3] for index in sorted(placed)]),
         np.array([done[index][4] for index in sorted(controls.later)]),
@@ -267,7 +268,15 @@ def _fitted(job: _Job) -> _Fitted:
     errors = np.linalg.norm(particles - job.particles, axis=1) / spacing
     image = gap_of_image(model, job.mesh, job.own, job.modes)
     borders = job.borders @ fit.pose[:3, :3].T
-    return measures, fit.residual, total, errors, _changed(job, model, fit), image / measures.gap, borders
+    return (
+        measures,
+        local_maps(model, fit, job.mesh),
+        total,
+        errors,
+        _changed(job, model, fit),
+        image / measures.gap,
+        borders,
+    )
 
 
 def _changed(job: _Job, model: SurfaceModel, first: SurfaceFit) -> FloatArray | None:

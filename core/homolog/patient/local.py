@@ -1,4 +1,4 @@
-"""Local statistics: standardised maps, their limit over the whole surface, and regions beyond it."""
+"""Local statistics: standardised maps of several widths, their limit over the whole surface, and regions."""
 
 from dataclasses import dataclass
 
@@ -9,46 +9,82 @@ from scipy.sparse.csgraph import connected_components
 
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.patient.mesh_graph import edges_of, ring_mean
+from homolog.statistics.moderation import moderated
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
     "BANDS",
+    "BEST_GAINS",
+    "BEST_WIDTHS",
+    "KINDS",
+    "LEVEL",
     "LocalNorm",
     "Region",
     "bands_of",
-    "maxima_left_out",
+    "gains",
+    "norm_and_maxima",
     "prediction_limit",
     "regions",
     "scores_of",
+    "spreads_of",
 ]
 
-BANDS: tuple[tuple[int, int], ...] = ((4, 0), (4, 32), (1, 8))
-"""Rounds of averaging over neighbours, and rounds of the subtracted average, for wide, middle and narrow
-differences. The standard deviation of n rounds is about 0.65 edges times the square root of n."""
-_PRIOR_DOF = 4.0
-"""Weight of the surface's mean variance relative to a vertex's own (Smyth 2004)."""
-_SMOOTHING_ROUNDS = 3
-"""Rounds of averaging variances over neighbouring vertices."""
+KINDS = 2
+"""Maps: difference of the surface from the expected one [mm], and logarithm of the relative thickness."""
+_SURROUND = 16
+BANDS: tuple[tuple[int, int], ...] = ((2, 0), *((count, _SURROUND * count) for count in (2, 8, 32)))
+"""Rounds of averaging over neighbours, and rounds of the average of the surroundings, which predicts it.
+
+The standard deviation of n rounds is about 0.65 edges times the square root of n. The first band is the map
+itself, averaged over an edge. The others are relative to their surroundings, which are four times as wide:
+the finest is as wide as an edge, each further one twice as wide, until the surroundings extend over the
+radius of a sphere with as many vertices as the reference's surface."""
+_EDGES = 0.65
+_BEST = (np.sqrt(_SURROUND) - 1.0) / (np.sqrt(_SURROUND) + 1.0)
+BEST_GAINS: FloatArray = np.array([_BEST if wide else 1.0 for _, wide in BANDS])
+"""Share of a bump's height in each band, for the width at which it is largest (see `gains`)."""
+BEST_WIDTHS: FloatArray = _EDGES * np.sqrt(
+    [8.0 * np.log(2.0) * np.sqrt(_SURROUND) * own for own, wide in BANDS if wide]
+)
+"""Full widths at half maximum of such bumps [edges]."""
 _OWN_SHARE = 0.5
 """Least ratio of the difference to a band's value; it excludes the surroundings of a bump."""
+_MEDIAN_NORMAL = 0.6745
+LEVEL = 0.05
+"""Share of healthy people with a region beyond the limit."""
 
 
 def bands_of(maps: FloatArray, faces: IntArray) -> FloatArray:
-    """Return maps (..., V) filtered to several widths, (B, ..., V), which separate bumps from wide variation.
+    """Return maps (K, ..., V) filtered to several widths, (K, B, ..., V): averages minus their surroundings.
 
     Parameters
     ----------
-    maps : (..., V) array
-        Differences [mm].
+    maps : (K, ..., V) array
     faces : (F, 3) int array
         Faces of the surface.
     """
-    rounds = sorted({count for band in BANDS for count in band if count})
     averaged, done, values = {}, 0, maps
-    for count in rounds:
+    for count in sorted({count for band in BANDS for count in band if count}):
         values = ring_mean(values, faces, count - done)
         averaged[count], done = values, count
-    return np.stack([averaged[own] - (averaged[wide] if wide else 0.0) for own, wide in BANDS])
+    return np.stack([averaged[own] - (averaged[wide] if wide else 0.0) for own, wide in BANDS], axis=1)
+
+
+def gains(width: float, edge: float) -> FloatArray:
+    """Return the share of a bump's height in each band, (B,).
+
+    Parameters
+    ----------
+    width : float
+        Full width at half maximum of a Gaussian bump [mm].
+    edge : float
+        Mean edge of the surface [mm].
+    """
+    own = np.square(width) / (8.0 * np.log(2.0))
+    blur = np.square(_EDGES * edge) * np.array(BANDS)
+    surrounded = np.where(blur[:, 1] > 0.0, own / (own + blur[:, 1]), 0.0)
+    shares: FloatArray = own / (own + blur[:, 0]) - surrounded
+    return shares
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,9 +94,9 @@ class LocalNorm:
     Attributes
     ----------
     mean : (..., V) array
-        Mean difference [mm].
+        Mean difference.
     deviation : (..., V) array
-        Standard deviation of a new subject's difference [mm].
+        Standard deviation of a new subject's difference.
     """
 
     mean: FloatArray
@@ -72,72 +108,113 @@ class LocalNorm:
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
     @classmethod
-    def of(cls, maps: FloatArray, faces: IntArray) -> "LocalNorm":
-        """Return the norm of maps (..., M, V) [mm] on a surface with these faces.
-
-        Variances are averaged over neighbouring vertices and shrunk towards the surface's mean, so that the
-        variance of few controls is nowhere underestimated.
-        """
+    def of(cls, maps: FloatArray) -> "LocalNorm":
+        """Return the norm of maps (..., M, V), with variances moderated over the surface."""
         count = maps.shape[-2]
-        variance = ring_mean(maps.var(axis=-2, ddof=1), faces, _SMOOTHING_ROUNDS)
-        dof = count - 1.0
-        mean = variance.mean(axis=-1, keepdims=True)
-        moderated = (_PRIOR_DOF * mean + dof * variance) / (_PRIOR_DOF + dof)
-        return cls(maps.mean(axis=-2), np.sqrt(moderated * (1.0 + 1.0 / count)))
+        variance = moderated(maps.var(axis=-2, ddof=1), count - 1)
+        return cls(maps.mean(axis=-2), np.sqrt(variance * (1.0 + 1.0 / count)))
 
     def standardised(self, differences: FloatArray) -> FloatArray:
-        """Return differences (..., V) [mm] in standard deviations."""
+        """Return differences (..., V) in standard deviations."""
         z: FloatArray = (differences - self.mean) / self.deviation
         return z
 
 
-def scores_of(norm: LocalNorm, differences: FloatArray, bands: FloatArray) -> FloatArray:
-    """Return the z of differences: at each vertex the most extreme z of the bands, (V,).
+def spreads_of(z: FloatArray, seen: BoolArray | None = None) -> FloatArray:
+    """Return a subject's own standard deviation in each band (K, B, 1), from the median over the surface.
+
+    Subjects differ in how rough their surfaces are; a place stands out from its own surface.
+
+    Parameters
+    ----------
+    z : (K, B, V) array
+        Standardised bands.
+    seen : (V,) bool array, optional
+        Vertices that count.
+    """
+    own = z if seen is None else z[..., seen]
+    spread: FloatArray = np.median(np.abs(own), axis=-1, keepdims=True) / _MEDIAN_NORMAL
+    return np.maximum(spread, 1e-9)
+
+
+def _scores_in_bands(
+    norm: LocalNorm, maps: FloatArray, usual: FloatArray, bands: FloatArray, seen: BoolArray | None = None
+) -> FloatArray:
+    """Return z in units of the subject's own spread in each band, (K, B, V); 0 beside a bump."""
+    z = norm.standardised(bands)
+    z = z / spreads_of(z, seen)
+    apart = bands - norm.mean
+    return np.where(apart * (maps - usual)[:, None] >= _OWN_SHARE * np.square(apart), z, 0.0)
+
+
+def scores_of(
+    norm: LocalNorm, maps: FloatArray, usual: FloatArray, bands: FloatArray, seen: BoolArray | None = None
+) -> FloatArray:
+    """Return the z of a subject's maps: at each vertex the most extreme one of all bands, (V,).
 
     A band counts where the difference has the same sign and at least half the magnitude.
 
     Parameters
     ----------
     norm : LocalNorm
-        Norm of the bands, (B, V).
-    differences : (V,) array
-        Differences [mm].
-    bands : (B, V) array
-        Bands of the differences, from `bands_of`.
+        Norm of the bands, (K, B, V).
+    maps : (K, V) array
+        The subject's maps.
+    usual : (K, V) array
+        Mean maps of the controls.
+    bands : (K, B, V) array
+        Bands of the maps, from `bands_of`.
+    seen : (V,) bool array, optional
+        Vertices that determine the subject's spread.
     """
-    z = norm.standardised(bands)
-    counts = bands * differences >= _OWN_SHARE * np.square(bands)
-    counts[0] = True
-    z = np.where(counts, z, 0.0)
+    z = _scores_in_bands(norm, maps, usual, bands, seen).reshape(-1, maps.shape[-1])
     chosen: FloatArray = np.take_along_axis(z, np.abs(z).argmax(axis=0)[None], axis=0)[0]
     return chosen
 
 
-def maxima_left_out(maps: FloatArray, faces: IntArray) -> FloatArray:
-    """Return each control's largest absolute z by the norm of the other controls, (M,).
+def norm_and_maxima(maps: FloatArray, bands: FloatArray) -> tuple[LocalNorm, FloatArray]:
+    """Return the norm of the controls' bands, and each control's largest absolute z by the others (M,).
+
+    Deviations of each band are scaled such that the limit of the controls' maxima is the same in all bands;
+    else the one with the longest tails would set the limit for all.
 
     Parameters
     ----------
-    maps : (M, V) array
-        Differences [mm].
-    faces : (F, 3) int array
-        Faces of the surface.
+    maps : (K, M, V) array
+        Maps of the controls.
+    bands : (K, B, M, V) array
+        Bands of the maps, from `bands_of`.
     """
-    everyone = np.arange(len(maps))
-    bands = bands_of(maps, faces)
-    largest = []
+    everyone = np.arange(maps.shape[1])
+    extremes = []
     for index in everyone.tolist():
-        norm = LocalNorm.of(bands[:, everyone != index], faces)
-        largest.append(np.abs(scores_of(norm, maps[index], bands[:, index])).max())
-    return np.array(largest)
+        others = everyone != index
+        z = _scores_in_bands(
+            LocalNorm.of(bands[:, :, others]),
+            maps[:, index],
+            maps[:, others].mean(axis=1),
+            bands[:, :, index],
+        )
+        extremes.append(np.abs(z).max(axis=-1))
+    largest = np.maximum(np.stack(extremes), 1e-9)
+    maxima = [(largest[index] / _scales(largest[everyone != index])).max() for index in everyone.tolist()]
+    norm = LocalNorm.of(bands)
+    return LocalNorm(norm.mean, norm.deviation * _scales(largest)[..., None]), np.array(maxima)
+
+
+def _scales(largest: FloatArray) -> FloatArray:
+    """Return the relative limits (K, B) of maxima (M, K, B) in the bands; their geometric mean is 1."""
+    logs = _log_bound(np.log(largest), LEVEL)
+    scales: FloatArray = np.exp(logs - logs.mean())
+    return scales
 
 
 def prediction_limit(maxima: FloatArray, level: float = 0.05) -> float:
     """Return the limit that a new subject's maximum exceeds with a probability of `level`.
 
-    With enough values it is an order statistic, valid for any distribution (Vovk et al. 2005). With fewer
-    than ``2 / level - 1`` values, for which this would be the largest value or none, it is the one-sided
-    prediction bound of a normal distribution of their logarithms (Hahn and Meeker 1991).
+    With at least ``1 / level - 1`` values it is an order statistic, valid for any distribution (Vovk et al.
+    2005). With fewer it is the one-sided prediction bound of a normal distribution of their logarithms (Hahn
+    and Meeker 1991).
 
     Parameters
     ----------
@@ -150,12 +227,18 @@ def prediction_limit(maxima: FloatArray, level: float = 0.05) -> float:
     float
     """
     count = len(maxima)
-    if count + 1 >= 2.0 / level:
-        rank = int(np.ceil((1.0 - level) * (count + 1)))
+    rank = int(np.ceil((1.0 - level) * (count + 1) - 1e-9))
+    if rank <= count:
         return float(np.sort(maxima)[rank - 1])
-    logs = np.log(maxima)
-    bound = float(stats.t.ppf(1.0 - level, count - 1)) * logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / count)
-    return float(np.exp(logs.mean() + bound))
+    return float(np.exp(_log_bound(np.log(maxima), level)))
+
+
+def _log_bound(logs: FloatArray, level: float) -> FloatArray:
+    """Return the bound of a new value from normal ones (M, ...), exceeded with a probability of `level`."""
+    count = len(logs)
+    reach = float(stats.t.ppf(1.0 - level, count - 1)) * np.sqrt(1.0 + 1.0 / count)
+    bound: FloatArray = logs.mean(axis=0) + reach * logs.std(axis=0, ddof=1)
+    return bound
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,6 +259,8 @@ class Region:
         Vertex of the peak.
     missing : float
         Share of the area whose normals do not meet the patient's surface.
+    thicker : float
+        Difference of the wall's thickness at the peak, relative to the expected one; NaN if not measured.
     """
 
     vertices: IntArray
@@ -185,6 +270,7 @@ class Region:
     z: float
     centre: int
     missing: float
+    thicker: float = float("nan")
 
 
 def regions(
@@ -194,6 +280,7 @@ def regions(
     z: FloatArray,
     met: BoolArray,
     limit: float,
+    thicker: FloatArray | None = None,
 ) -> tuple[Region, ...]:
     """Return the connected parts where absolute z is above a limit, the most extreme first.
 
@@ -209,6 +296,8 @@ def regions(
     met : (V,) bool array
         Whether the normal meets the patient's surface.
     limit : float
+    thicker : (V,) array, optional
+        Relative differences of the wall's thickness.
 
     Returns
     -------
@@ -234,6 +323,7 @@ def regions(
                 float(z[centre]),
                 centre,
                 float(share @ ~met[own]),
+                float("nan") if thicker is None else float(thicker[centre]),
             )
         )
     return tuple(sorted(regions, key=lambda region: -abs(region.z)))

@@ -17,7 +17,7 @@ from homolog.errors import InputError
 from homolog.io.arrays import read_arrays, write_arrays
 from homolog.patient.change import ExpectedChange
 from homolog.patient.coding import Coding
-from homolog.patient.local import BANDS, LocalNorm
+from homolog.patient.local import BANDS, BEST_GAINS, KINDS, LEVEL, LocalNorm, gains
 from homolog.patient.placed import Placing
 from homolog.patient.provenance import Provenance, Quality
 from homolog.patient.surface_model import SurfaceModel
@@ -26,9 +26,7 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["Reference", "check_name"]
 
 SUFFIX = ".npz"
-FORMAT_VERSION = 1
-LEVEL = 0.05
-"""Share of healthy people with a region beyond the limit."""
+FORMAT_VERSION = 2
 
 _UNLIKE = 2.5
 """Ratio of a left-out control's distance from its fit to the median; above it, the control is an outlier."""
@@ -38,6 +36,7 @@ _RECOGNISED = 0.8
 """Smallest share of mirrored controls that must be recognised for a check of the side."""
 
 _MODEL = ("mean", "components", "variances", "effects", "residual", "faces")
+_NORMS = ("local", "usual", "total")
 _DISTRIBUTIONS = ("mahalanobis", "outside", "size", "gap", "maxima")
 
 
@@ -62,8 +61,11 @@ class Reference:
         Sorted largest absolute z of these controls, read-only.
     limit : float
         Limit of absolute z, which 5 % of healthy people exceed anywhere.
-    local, total : LocalNorm
-        Norms of differences from the expected shape at several scales, and from the mean.
+    local, usual : LocalNorm
+        Norms of these controls' maps in bands of several widths (2, B, V), and unfiltered (2, V): difference
+        from the expected shape [mm], and logarithm of the wall's thickness relative to its median.
+    total : LocalNorm
+        Norm of their differences from the mean (V,).
     quality : Quality
     provenance : Provenance
     scores : (M, modes) array or None
@@ -95,6 +97,7 @@ class Reference:
     maxima: FloatArray
     limit: float
     local: LocalNorm
+    usual: LocalNorm
     total: LocalNorm
     quality: Quality
     provenance: Provenance
@@ -125,9 +128,28 @@ class Reference:
 
     @property
     def detectable(self) -> FloatArray:
-        """Smallest broad difference at each vertex that exceeds the limit [mm], (V,)."""
-        smallest: FloatArray = self.limit * self.local.deviation[0]
+        """Smallest differences at each vertex that exceed the limit, if they are as wide as a band (2, V).
+
+        Position [mm], and logarithm of the wall's thickness.
+        """
+        smallest: FloatArray = self.limit * (self.local.deviation / BEST_GAINS[:, None]).min(axis=1)
         return smallest
+
+    def visible(self, height: float, width: float, kind: int = 0) -> FloatArray:
+        """Return where a Gaussian bump would exceed the limit, on a surface as rough as the controls' (V,).
+
+        Parameters
+        ----------
+        height : float
+            Height [mm], or logarithm of the ratio of thicknesses.
+        width : float
+            Full width at half maximum [mm].
+        kind : int
+            0 for position, 1 for thickness.
+        """
+        shares = gains(width, self.surface.mean_edge)[:, None]
+        seen: FloatArray = (abs(height) * shares > self.limit * self.local.deviation[kind]).any(axis=0)
+        return seen
 
     @property
     def unlike_distances(self) -> FloatArray:
@@ -253,14 +275,18 @@ class Reference:
                 raise InputError(f"{path}: is not a reference; give a file that homolog reference wrote")
             if record["version"] > FORMAT_VERSION:
                 raise InputError(f"{path}: was written by a newer Homolog; update Homolog to open it")
+            if record["version"] < FORMAT_VERSION:
+                raise InputError(
+                    f"{path}: was made by an older Homolog, which did not measure walls; make it again from "
+                    "its project (homolog reference)"
+                )
             reference = cls(
                 model=SurfaceModel(**{name: stored[f"model_{name}"] for name in _MODEL}),
                 modes=int(record["modes"]),
                 coding=Coding.from_record(record["coding"]),
                 **{name: stored[name] for name in _DISTRIBUTIONS},
                 limit=float(record["limit"]),
-                local=LocalNorm(stored["local_mean"], stored["local_deviation"]),
-                total=LocalNorm(stored["total_mean"], stored["total_deviation"]),
+                **{name: LocalNorm(stored[f"{name}_mean"], stored[f"{name}_deviation"]) for name in _NORMS},
                 quality=Quality(**record["quality"]),
                 provenance=Provenance.from_record(record["provenance"]),
                 scores=stored.get("scores"),
@@ -285,10 +311,8 @@ class Reference:
         return {
             **{f"model_{name}": getattr(self.model, name) for name in _MODEL},
             **{name: getattr(self, name) for name in _DISTRIBUTIONS},
-            "local_mean": self.local.mean,
-            "local_deviation": self.local.deviation,
-            "total_mean": self.total.mean,
-            "total_deviation": self.total.deviation,
+            **{f"{name}_mean": getattr(self, name).mean for name in _NORMS},
+            **{f"{name}_deviation": getattr(self, name).deviation for name in _NORMS},
             **(self.placing.arrays if self.placing else {}),
             **(self.change.arrays if self.change else {}),
         }
@@ -311,8 +335,9 @@ class Reference:
             and self.modes <= modes
             and vertices + self.provenance.particles == points[0]
             and 0 <= model.faces.min() <= model.faces.max() < vertices
-            and all(item.shape == (len(BANDS), vertices) for item in (self.local.mean, self.local.deviation))
-            and all(item.shape == (vertices,) for item in (self.total.mean, self.total.deviation))
+            and self.local.mean.shape == self.local.deviation.shape == (KINDS, len(BANDS), vertices)
+            and self.usual.mean.shape == self.usual.deviation.shape == (KINDS, vertices)
+            and self.total.mean.shape == self.total.deviation.shape == (vertices,)
             and all(getattr(self, name).shape == (self.provenance.controls,) for name in _DISTRIBUTIONS)
             and all(np.isfinite(item).all() for item in self._arrays().values())
             and (self.placing is None or self.placing.is_of(self.provenance.particles))

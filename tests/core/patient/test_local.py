@@ -9,7 +9,8 @@ from homolog.patient.distribution import percentile
 from homolog.patient.local import (
     LocalNorm,
     bands_of,
-    maxima_left_out,
+    gains,
+    norm_and_maxima,
     prediction_limit,
     regions,
     scores_of,
@@ -34,14 +35,47 @@ def test_with_many_controls_the_limit_is_a_rank():
 
 
 def test_a_control_left_out_is_judged_by_the_others(template):
-    _, faces = template
-    maps = np.random.default_rng(2).normal(size=(20, faces.max() + 1))
-    maps[4, 100:130] += 40.0
-    maxima = maxima_left_out(maps, faces)
+    directions, faces = template
+    maps = np.random.default_rng(2).normal(size=(2, 20, faces.max() + 1))
+    maps[1, 4, directions[:, 0] > 0.9] += 40.0
+    norm, maxima = norm_and_maxima(maps, bands_of(maps, faces))
     assert maxima.argmax() == 4
-    bands = bands_of(maps, faces)
-    inside = np.abs(scores_of(LocalNorm.of(bands, faces), maps[4], bands[:, 4])).max()
+    bands = bands_of(maps[:, 4], faces)
+    inside = np.abs(scores_of(norm, maps[:, 4], maps.mean(axis=1), bands)).max()
     assert maxima[4] > 2.0 * inside
+
+
+def test_a_subject_with_a_rough_surface_is_judged_by_its_own_roughness(template):
+    _, faces = template
+    random = np.random.default_rng(5)
+    maps = random.normal(size=(2, 24, faces.max() + 1))
+    maps *= np.exp(random.normal(scale=0.7, size=(1, 24, 1)))
+    _, maxima = norm_and_maxima(maps, bands_of(maps, faces))
+    assert maxima.max() < 2.0 * maxima.min()
+
+
+def test_bands_with_long_tails_do_not_set_the_limit_of_the_others(template):
+    _, faces = template
+    random = np.random.default_rng(6)
+    calm = random.normal(size=(1, 30, faces.max() + 1))
+    tailed = random.standard_t(2.5, size=calm.shape)
+    maps = np.concatenate([calm, tailed])
+    bands = bands_of(maps, faces)
+    norm, _ = norm_and_maxima(maps, bands)
+    alone = LocalNorm.of(bands)
+    ratio = (norm.deviation / alone.deviation).mean(axis=-1)
+    assert ratio[1, 0] > 1.3 * ratio[0, 0]
+    assert np.exp(np.log(ratio).mean()) == pytest.approx(1.0)
+
+
+def test_a_bump_has_the_share_of_its_height_that_its_width_predicts(template):
+    directions, faces = template
+    radius, width = 40.0, 24.0
+    mesh = TriangleMesh(radius * directions, faces)
+    gaps = np.square(radius * (directions - directions[350])).sum(axis=1)
+    bump = np.exp(-4.0 * np.log(2.0) * gaps / width**2)
+    here = bands_of(np.stack([bump, bump]), faces)[0, :, 350]
+    assert here[:3] == pytest.approx(gains(width, mesh.mean_edge)[:3], abs=0.08)
 
 
 def test_regions_are_connected_and_of_one_sign(template):
@@ -95,7 +129,9 @@ def test_around_a_bump_nothing_is_reported(template):
     directions, faces = template
     gaps = np.square(30.0 * (directions - directions[350])).sum(axis=1)
     bump = np.exp(-0.5 * gaps / 4.0**2)
-    flat = LocalNorm(np.zeros((3, len(bump))), np.full((3, len(bump)), 0.01))
-    z = scores_of(flat, bump, bands_of(bump, faces))
+    maps = np.stack([bump, np.zeros_like(bump)])
+    bands = bands_of(maps, faces)
+    flat = LocalNorm(np.zeros_like(bands), np.full_like(bands, 0.01))
+    z = scores_of(flat, maps, np.zeros_like(maps), bands)
     assert z.max() > 20.0
     assert z.min() > -1e-9

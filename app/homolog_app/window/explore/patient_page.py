@@ -39,6 +39,7 @@ from homolog_app.scenes.follow_up import (
 from homolog_app.scenes.patient import (
     EXPECTED,
     MEAN,
+    WALL,
     ComparedPatient,
     PatientDisplay,
     Z,
@@ -120,7 +121,7 @@ class PercentileBars(Plot):
 
 
 _ABOVE = ("Controls", "Adjust for", "Repeated scans of", "Time")  # names of the reference's fields
-_HEADS = ("Region", "Area\n(mm²)", "Mean\n(mm)", "z")
+_HEADS = ("Region", "Area\n(mm²)", "Mean\n(mm)", "Wall\n(%)", "z")
 _SIDES = {"not given": "", LEFT: LEFT, RIGHT: RIGHT}
 
 
@@ -304,6 +305,7 @@ _EVERYONE = "All subjects"
 _MAPS = {
     "Difference from the expected shape": EXPECTED,
     "… in standard deviations": Z,
+    "Thickness of the wall": WALL,
     "Difference from the mean": MEAN,
     "Change since the first time": CHANGE,
 }
@@ -614,12 +616,12 @@ class PatientPage(ExplorePage):
         comparison = self.comparison
         if self._change is not None:
             for item in change_regions(self._change):
-                rows.append((item.time, item.region.area, item.region.mean, item.region.z))
+                rows.append((item.time, item.region.area, item.region.mean, "", item.region.z))
                 self.places.append((item.place, item.seen_from))
         elif comparison is not None and self._compared is not None:
             for number, region in enumerate(comparison.regions, start=1):
                 place = f"{number} {comparison.place(region)}".strip()
-                rows.append((place, region.area, region.mean, region.z))
+                rows.append((place, region.area, region.mean, 100.0 * region.thicker, region.z))
                 self.places.append(self._compared.places[number - 1])
         self.table.show_rows(rows)
         self.regions.setVisible(bool(rows))
