@@ -18,7 +18,7 @@ from homolog.grooming.subject import GroomedSubject, groom_subject
 from homolog.io.meshes import write_mesh
 from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import check_mesh, euler_number
+from homolog.surfaces.topology import check_mesh, check_surface, euler_number
 
 __all__ = ["SLOWEST_S", "Trial", "attempt"]
 
@@ -136,6 +136,8 @@ def _faults(groomed: GroomedSubject) -> list[str]:
     """Return what is wrong with a groomed subject."""
     faults = []
     field = groomed.field
+    if field is None:  # a sheet stays open
+        return _faults_of_sheet(groomed)
     sides = [np.moveaxis(field.values, axis, 0)[[0, -1]] for axis in range(3)]
     if not np.isfinite(field.values).all() or min(side.min() for side in sides) <= 0.0:
         faults.append("the field is not finite, or not positive at its border")
@@ -151,6 +153,17 @@ def _faults(groomed: GroomedSubject) -> list[str]:
             faults.append(f"{name}: has {whole:.2f} of the field's volume")
     if euler_number(groomed.mesh.faces) != euler_number(groomed.coarse_mesh.faces):
         faults.append(f"genus {_genus(groomed.mesh)}, of the coarse mesh {_genus(groomed.coarse_mesh)}")
+    return faults
+
+
+def _faults_of_sheet(groomed: GroomedSubject) -> list[str]:
+    """Return what is wrong with a groomed open mesh."""
+    faults = []
+    for name, mesh in (("mesh", groomed.mesh), ("coarse mesh", groomed.coarse_mesh)):
+        try:
+            check_surface(mesh, name)
+        except InputError as error:
+            faults.append(str(error))
     return faults
 
 

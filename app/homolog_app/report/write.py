@@ -370,10 +370,13 @@ def _surfaces(project: ProjectFolder, record: ResultRecord) -> list[TriangleMesh
 
 
 def _suspects(result: Result, meshes: Sequence[TriangleMesh]) -> Sequence[Suspect] | None:
-    """Return the suspects of ``homolog check``; None with fewer than three surfaces."""
+    """Return the suspects of ``homolog check``; None without three surfaces with neighbouring particles."""
     if len(meshes) < 3:
         return None
-    return inspect(result.local, meshes, result.alignments, names=result.names, workers=cores()).suspects
+    try:
+        return inspect(result.local, meshes, result.alignments, names=result.names, workers=cores()).suspects
+    except InputError:
+        return None
 
 
 def _landmarks(project: ProjectFolder) -> str:

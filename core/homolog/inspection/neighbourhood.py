@@ -84,7 +84,10 @@ def _nearest(distances: Sequence[csr_array]) -> tuple[IntArray, FloatArray]:
     neighbours[particle[near], rank[near]] = other[near]
     consensus[particle[near], rank[near]] = median[near]
     if np.isfinite(consensus[:, _FEWEST]).mean() < 0.5:
-        raise InputError("the subjects hardly agree on which particles are neighbours; run again")
+        raise InputError(
+            "the subjects hardly agree on which particles are neighbours along their surfaces: give surfaces "
+            "to imported particles, or run again"
+        )
     return neighbours, consensus
 
 

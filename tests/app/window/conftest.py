@@ -162,11 +162,11 @@ def beans(window, ellipsoids, wait):
     return window
 
 
-def quick_settings(particles=32):
+def quick_settings(particles=32, anneal=20):
     from homolog.settings import OptimizeSettings
 
     return OptimizeSettings(
-        particles=particles, split_iterations=5, anneal_iterations=20, settle_iterations=20
+        particles=particles, split_iterations=5, anneal_iterations=anneal, settle_iterations=20
     )
 
 
@@ -257,7 +257,8 @@ def bean_project(made_once):
             Subject(path.stem, path.resolve(), "wide" if bean.width >= middle else "slim")
             for path, bean in zip(sorted(scans.glob("*.nrrd")), beans, strict=True)
         ]
-        run_quickly(folder / "project", Cohort(tuple(subjects), scans), alignment="none", spacing=1.5)
+        cohort = Cohort(tuple(subjects), scans)
+        run_quickly(folder / "project", cohort, anneal=80, alignment="none", spacing=1.5)
 
     scans = made_once("beans", write)
     return made_once("slots", compute) / "project"
@@ -269,7 +270,7 @@ def run():
     return run_quickly
 
 
-def run_quickly(folder, cohort, mesh_edge=3.0, **groom):
+def run_quickly(folder, cohort, mesh_edge=3.0, anneal=20, **groom):
     from concurrent.futures import ThreadPoolExecutor
 
     from homolog.grooming import groom_cohort
@@ -279,7 +280,7 @@ def run_quickly(folder, cohort, mesh_edge=3.0, **groom):
 
     settings = RunSettings(
         groom=GroomSettings(mesh_edge=mesh_edge, mirror="off", **groom),
-        optimize=quick_settings(128),
+        optimize=quick_settings(128, anneal),
         device="cpu",
         workers=1,
     )

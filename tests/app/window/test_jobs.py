@@ -14,7 +14,7 @@ def test_a_job_that_waits_for_background_work_is_shown_at_once(window, wait):
     work.compute("prepare", lambda _: released.wait(30.0), "preparing", lambda _: None)
     work.compute("sample", lambda _: "sample", "writing the sample", done.append)
     assert window.start_page.progress.isVisible()
-    assert window.start_page.progress.message.text() == "Writing the sample"
+    assert window.start_page.progress.message.text() == "Preparing"  # what it waits for
     released.set()
     wait(lambda: done == ["sample"])
     assert not window.start_page.progress.isVisible()

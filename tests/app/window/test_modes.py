@@ -98,7 +98,7 @@ def test_a_mode_says_how_far_it_moves_the_particles(page):
     from PySide6.QtWidgets import QLabel
 
     model = page.fitted.shape.model
-    moved = model.instance(np.array([1.0])) - model.mean
+    moved = model.instance(np.array([1.0])) - model.mean_
     rms = np.sqrt(np.square(moved).sum(axis=1).mean())
     texts = [label.text() for label in page.sliders.findChildren(QLabel)]
     assert any(f"{rms:.3g} mm at 1 SD" in text for text in texts)
