@@ -198,6 +198,10 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
         commands["view.slice"].trigger()
         commands["view.explore"].trigger()
         yield "energies", window.docks.curves
+        rows = [(20, -2.0, 0.5, 0.1), (40, -2.1, 0.4, 0.1)]
+        window.docks.curves.show_rows(rows, is_live=True)
+        yield "energies of a run", window.docks.curves
+        window.docks.curves.show_rows(rows)
 
     def doubtful():
         verdict = replace(
@@ -246,6 +250,12 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
         look(question, page)
         page.by_seed.show_sentences(["p from 0.01 to 0.02 over 2 seeds."], page.reveal)
         look(f"{question} with other seeds", page)
+    page.form.column.setCurrentText("Several columns (formula)")
+    page.form.column.activated.emit(page.form.column.currentIndex())
+    look("a formula", page)
+    page.form.column.setCurrentText("group")
+    page.form.column.activated.emit(page.form.column.currentIndex())
+    rest()
     overview, answered = panels.explore.pages[0], page.answers[0].study.question
     panels.explore.open_page(overview)
     overview.kept.show_answers([StoredAnswer(answered, False, {"slim": StoredTest(0.01, 999, None)})])
