@@ -21,7 +21,7 @@ __all__ = ["KEY", "controls_of", "open_page", "recorded"]
 KEY = "controls"
 """Of the text in a picture's file: the name of the page, and its controls, one in a line."""
 
-_NUMBER = re.compile(r"\d+ ")  # such as of the particles that can be added
+_NUMBER = re.compile(r"\d+ | · \d+$")  # such as of the particles that can be added, or of a list
 _INNER = (QComboBox, QAbstractSpinBox)
 _KINDS = (QCheckBox, QComboBox, QLineEdit, QPushButton, QSlider)
 
