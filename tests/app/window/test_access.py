@@ -250,12 +250,9 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
         look(question, page)
         page.by_seed.show_sentences(["p from 0.01 to 0.02 over 2 seeds."], page.reveal)
         look(f"{question} with other seeds", page)
-    page.form.column.setCurrentText("Several columns (formula)")
-    page.form.column.activated.emit(page.form.column.currentIndex())
+    page.form.builder.show()  # as with further columns
     look("a formula", page)
-    page.form.column.setCurrentText("group")
-    page.form.column.activated.emit(page.form.column.currentIndex())
-    rest()
+    page.form.builder.hide()
     overview, answered = panels.explore.pages[0], page.answers[0].study.question
     panels.explore.open_page(overview)
     overview.kept.show_answers([StoredAnswer(answered, False, {"slim": StoredTest(0.01, 999, None)})])
@@ -270,7 +267,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     )
 
     commands["view.correspond"].trigger()
-    workspace.edit_settings("optimize", "particles", quick(200))
+    workspace.edit_settings("optimize", "particles", quick(200, anneal=80))
     look("more particles", panels)
     commands["run.more"].trigger()
     wait(lambda: work.session.job.run is not None and work.session.job.run.frame is not None)
