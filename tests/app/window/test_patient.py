@@ -114,8 +114,8 @@ def printed(explored, tmp_path, wait, monkeypatch):
 @pytest.mark.usefixtures("patient")
 def test_the_pages_of_the_report_are_printed_on_whole_sheets(printed):
     pages, content = printed()
-    assert pages == 2
-    assert content.count(b"/MediaBox") == content.count(b"/Type /Page\n") == 2
+    assert 2 <= pages <= 3  # with the table of what could be found
+    assert content.count(b"/MediaBox") == content.count(b"/Type /Page\n") == pages
     sides = [float(side) for side in content.split(b"/MediaBox [")[1].split(b"]")[0].split()]
     assert sides[2:] == pytest.approx([595.0, 842.0], abs=1.0)  # A4 [points]
 
