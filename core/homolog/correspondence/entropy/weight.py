@@ -57,8 +57,6 @@ def weighted(settings: OptimizeSettings, variances: FloatArray, subjects: int) -
     variances, subjects
         See `independent_parts`.
     """
-    if settings.ensemble_weight is not None:
-        return settings
     return with_weight(settings, independent_parts(variances, subjects))
 
 
