@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from homolog.api.analyze import analyze
     from homolog.api.compare import compare, compare_groups, regress
     from homolog.api.correspond import Correspondence, correspond
+    from homolog.api.geodesics import geodesic_distances
     from homolog.api.patient import compare_patient, make_reference
     from homolog.api.plan import plan
     from homolog.api.project import Project
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from homolog.comparison.plan import Plan
     from homolog.comparison.project import StudyAnswer
     from homolog.errors import Cancelled, InputError, NumericalError
-    from homolog.geodesics import geodesic_distances
     from homolog.io.meshes import read_mesh, write_mesh
     from homolog.patient.compare import PatientComparison
     from homolog.patient.reference import Reference
@@ -89,7 +89,7 @@ _HOMES = {
     "compare_groups": "api.compare",
     "compare_patient": "api.patient",
     "correspond": "api.correspond",
-    "geodesic_distances": "geodesics",
+    "geodesic_distances": "api.geodesics",
     "make_reference": "api.patient",
     "plan": "api.plan",
     "read_cohort": "cohort",

@@ -8,7 +8,7 @@ import homolog as hl
 radius = 10.0
 ball = trimesh.creation.icosphere(subdivisions=4, radius=radius)
 
-distances = hl.geodesic_distances(ball.vertices, ball.faces, d_max=12.0)  # scipy CSR, float32
+distances = hl.geodesic_distances(ball, d_max=12.0)  # scipy CSR, float32
 print(f"{distances.shape[0]} vertices, {distances.nnz} pairs within 12 mm")
 
 row = distances[[0]].tocoo()  # from the first vertex

@@ -15,7 +15,7 @@ import scipy.sparse
 from meshlib import mrmeshnumpy, mrmeshpy
 from scipy.sparse.csgraph import dijkstra
 
-from homolog.geodesics import geodesic_distances
+from homolog.api.geodesics import geodesic_distances
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import edges
 

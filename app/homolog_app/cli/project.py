@@ -248,7 +248,7 @@ def _structure_row(structure: "Structure", subjects: int) -> tuple[str, ...]:
         structure.name or "-",
         "/".join(map(str, structure.values)) or "-",
         f"{len(structure.by_subject)}/{subjects}",
-        *(f"{volume:.4g}" for volume in structure.volumes),
+        *(f"{volume:.4g}" if volume else "" for volume in structure.volumes),
         str(len(structure.at_border) or "-"),
     )
 
@@ -259,7 +259,8 @@ def _record(listed: "Structures") -> dict[str, object]:
             "name": structure.name,
             "numbers": structure.values,
             "volumes_ml": {
-                subject: round(there.volume, 6) for subject, there in structure.by_subject.items()
+                subject: round(there.volume, 6) if there.volume else None
+                for subject, there in structure.by_subject.items()
             },
             "at_border": structure.at_border,
         }

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -32,6 +33,7 @@ from homolog.statistics.procrustes import Alignment, rms_radii
 from homolog.statistics.shape_model import ShapeModel
 from homolog.statistics.welch import compare_measure
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.topology import enclosed_volume
 from homolog_app.exports.settings import TableSettings
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.model_shape import ModelShape
@@ -201,10 +203,21 @@ def _write_subjects(
     for index, subject in enumerate(record.subjects):
         tick(index / len(record.subjects), f"measuring {subject.name}")
         mesh = read_surface(project, subject)
-        measures = [mesh.volume, mesh.area, sizes[index], float(apart[index]), int(index in far)]
+        measures = [enclosed_volume(mesh), mesh.area, sizes[index], float(apart[index]), int(index in far)]
         rows.append([subject.name, subject.group, *(subject.columns.get(name) for name in own), *measures])
-    measured = ["volume_mm3", "area_mm2", "size_mm", "distance_from_mean_mm", "outlier"]
-    write_table(path, ["name", "group", *own, *measured], rows)
+    heads = ["name", "group", *own, "volume_mm3", "area_mm2", "size_mm", "distance_from_mean_mm", "outlier"]
+    write_table(path, *_without_volumes(heads, rows, "volume_mm3"))
+
+
+def _without_volumes(
+    heads: list[str], rows: list[list[Any]], volume: str
+) -> tuple[list[str], list[list[Any]]]:
+    """Return a table whose open surfaces have no volume, without its column if all are open."""
+    column = heads.index(volume)
+    blank = [[None if value != value else value for value in row] for row in rows]
+    if any(row[column] is not None for row in blank):
+        return heads, blank
+    return heads[:column] + heads[column + 1 :], [row[:column] + row[column + 1 :] for row in blank]
 
 
 def write_cohort(path: Path, cohort: Cohort) -> None:
@@ -249,7 +262,8 @@ _MM3_IN_ML, _MM2_IN_CM2 = 1000.0, 100.0
 class Measures:
     """Volume, area, mean wall thickness and mean distance from the mean surface, shape (n,) each.
 
-    Units are ml, cm² and mm. The distance is that of `distances_from_mean`.
+    Units are ml, cm² and mm. The volume of an open surface is NaN. The distance is that of
+    `distances_from_mean`.
     """
 
     volumes: FloatArray
@@ -259,7 +273,7 @@ class Measures:
 
 
 def measure_meshes(meshes: Sequence[TriangleMesh], from_mean: FloatArray, tick: Tick = no_tick) -> Measures:
-    """Measure closed surfaces.
+    """Measure surfaces.
 
     Parameters
     ----------
@@ -273,7 +287,7 @@ def measure_meshes(meshes: Sequence[TriangleMesh], from_mean: FloatArray, tick: 
     volumes, areas, walls = (np.empty(len(meshes)) for _ in range(3))
     for index, mesh in enumerate(meshes):
         tick(index / len(meshes), "measuring")
-        volumes[index], areas[index] = mesh.volume / _MM3_IN_ML, mesh.area / _MM2_IN_CM2
+        volumes[index], areas[index] = enclosed_volume(mesh) / _MM3_IN_ML, mesh.area / _MM2_IN_CM2
         walls[index] = mean_over_area(mesh, wall_thickness(mesh))
     return Measures(volumes, areas, walls, from_mean)
 
@@ -328,6 +342,8 @@ def group_lines(result: Result, measures: Measures, first: int, second: int) -> 
         return []
     lines = []
     for name, values in _measured(result, measures, first, second).items():
+        if np.isnan(values).all():
+            continue  # volumes of open surfaces
         of_groups = compare_measure(values, groups)
         rows = zip(of_groups.groups, of_groups.means, of_groups.deviations, of_groups.counts, strict=True)
         each = (
@@ -386,4 +402,5 @@ def write_measures(path: Path, result: Result, measures: Measures, first: int, s
     """
     measured = _measured(result, measures, first, second)
     rows = zip(result.names, result.groups, *(values.tolist() for values in measured.values()), strict=True)
-    write_table(path, ["name", "group", *measured], rows)
+    heads = ["name", "group", *measured]
+    write_table(path, *_without_volumes(heads, [list(row) for row in rows], "volume_ml"))

@@ -159,7 +159,7 @@ def _number_rows(follow_up: FollowUp) -> list[tuple[str, ...]]:
 
 def _number_text(column: str, value: float | None) -> str:
     if value is None:
-        return "no limit"
+        return "no limit" if column in _UNSIGNED else "open"
     return f"{value:.2f}" if column in _UNSIGNED else f"{value:+.2f}"
 
 
@@ -192,7 +192,7 @@ def _expected_numbers(change: Change, follow_up: FollowUp) -> list[float | None]
         expected.pairs,
         against.beyond.value,
         against.beyond.percent,
-        against.volume.percent,
+        None if np.isnan(change.volume) else against.volume.percent,
         float(np.abs(against.z).max()),
         expected.limit,
         len(against.regions),
@@ -203,7 +203,7 @@ def _numbers(change: Change, areas: Array) -> list[float | None]:
     """Return change of volume [%], mean, rms, most outward and most inward [mm], area beyond [mm²]."""
     share = areas / areas.sum()
     return [
-        100.0 * (change.volume - 1.0),
+        None if np.isnan(change.volume) else 100.0 * (change.volume - 1.0),
         float(share @ change.distance),
         float(np.sqrt(share @ np.square(change.distance))),
         float(change.distance.max()),

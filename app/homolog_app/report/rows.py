@@ -23,6 +23,7 @@ from homolog.statistics.cautions import p_number, p_text
 from homolog.statistics.comparison import Comparison
 from homolog.statistics.welch import mean_difference
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.topology import enclosed_volume
 from homolog_app.plots import group_order
 
 __all__ = [
@@ -244,7 +245,7 @@ def measures_of(meshes: Sequence[TriangleMesh], *, hollow: bool) -> list[Measure
     Parameters
     ----------
     meshes : sequence of TriangleMesh
-        Closed surfaces, one for each subject.
+        One for each subject; volumes are left out if one of them is open.
     hollow : bool
         Whether the shapes have a cavity, so that wall thickness is of interest: the thickness at each
         point, averaged over the surface's area.
@@ -258,10 +259,11 @@ def measures_of(meshes: Sequence[TriangleMesh], *, hollow: bool) -> list[Measure
         return []
     from homolog.surfaces.walls import mean_over_area, wall_thickness  # loads Warp
 
-    measures = [
-        Measure("volume_ml", "volume (ml)", np.array([mesh.volume / 1000.0 for mesh in meshes])),
-        Measure("area_cm2", "surface area (cm²)", np.array([mesh.area / 100.0 for mesh in meshes])),
-    ]
+    volumes = np.array([enclosed_volume(mesh) / 1000.0 for mesh in meshes])
+    measures = [] if np.isnan(volumes).any() else [Measure("volume_ml", "volume (ml)", volumes)]
+    measures.append(
+        Measure("area_cm2", "surface area (cm²)", np.array([mesh.area / 100.0 for mesh in meshes]))
+    )
     if hollow:
         walls = np.array([mean_over_area(mesh, wall_thickness(mesh)) for mesh in meshes])
         measures.append(Measure("wall_mm", "mean wall thickness (mm)", walls))

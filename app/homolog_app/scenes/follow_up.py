@@ -123,7 +123,9 @@ def change_scene(follow_up: "FollowUp", only_beyond: bool) -> ViewContents:
     for change in follow_up.changes:
         beyond = beyond_limit(change, follow_up)
         faded = ~beyond if only_beyond and beyond is not None else None
-        title = f"since {first.name}: volume {signed(100.0 * (change.volume - 1.0), 1)} %"
+        title = f"since {first.name}"
+        if not np.isnan(change.volume):
+            title += f": volume {signed(100.0 * (change.volume - 1.0), 1)} %"
         contents.append(
             on_own_surface(first, change.name, title, scale, change.distance, beyond, faded=faded, faint=True)
         )

@@ -13,6 +13,7 @@ from homolog.io.images import Segmentation, Volume, read_segmentation, read_volu
 from homolog.io.structures import mask_of, structures_of
 from homolog.settings import Values
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.topology import enclosed_volume
 
 __all__ = ["FileSurvey", "LabelSummary", "survey_subject"]
 
@@ -68,7 +69,7 @@ class FileSurvey:
     problem : str
         Reason why the file can't be used; empty if it can.
     volume_ml : float
-        Volume; that of a surface is computed with openings closed flat, and 0 if it has no volume.
+        Volume; 0 of an open surface, which has none.
     thumbnail : (64, 64) uint8 array or None
         View from the front, 0 in the background.
     labels : tuple of LabelSummary
@@ -133,16 +134,8 @@ def _with_mesh(survey: FileSurvey, path: Path) -> FileSurvey:
     from homolog.io.meshes import read_mesh
 
     mesh = read_mesh(path)
-    return replace(survey, volume_ml=_volume(mesh) / 1000.0, thumbnail=_mesh_thumbnail(mesh), surface=mesh)
-
-
-def _volume(mesh: TriangleMesh) -> float:
-    """Return a surface's volume [mm³] with its openings closed flat; 0 if it remains open."""
-    from homolog.surfaces.rims import capped
-
-    result = capped(mesh.vertices, mesh.faces, np.zeros(len(mesh.faces), int))
-    closed = TriangleMesh(result.vertices, np.concatenate([mesh.faces, result.caps]))
-    return 0.0 if len(result.left) else abs(closed.volume)
+    volume = abs(float(np.nan_to_num(enclosed_volume(mesh)))) / 1000.0
+    return replace(survey, volume_ml=volume, thumbnail=_mesh_thumbnail(mesh), surface=mesh)
 
 
 def _with_voxels(survey: FileSurvey, chosen: Segmentation) -> FileSurvey:

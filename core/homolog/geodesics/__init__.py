@@ -3,13 +3,7 @@
 from homolog.geodesics.accuracy import Accuracy, measure_accuracy
 from homolog.geodesics.field import distances_from
 from homolog.geodesics.plan import TablePlan, plan_tables
-from homolog.geodesics.solve import (
-    GeodesicSolver,
-    check_room,
-    each_table,
-    geodesic_distances,
-    solve_tables,
-)
+from homolog.geodesics.solve import GeodesicSolver, check_room, each_table, solve_tables
 from homolog.geodesics.table import GeodesicTable
 
 __all__ = [
@@ -20,7 +14,6 @@ __all__ = [
     "check_room",
     "distances_from",
     "each_table",
-    "geodesic_distances",
     "measure_accuracy",
     "plan_tables",
     "solve_tables",

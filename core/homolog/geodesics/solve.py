@@ -7,11 +7,8 @@ from contextlib import nullcontext
 from functools import partial
 from typing import Protocol
 
-import numpy as np
 import warp as wp
-from scipy.sparse import csr_array
 
-from homolog.arrays import ArrayLike
 from homolog.device import choose_device
 from homolog.errors import InputError
 from homolog.geodesics.cpu.solver import load_kernels, solve_on_cpu
@@ -23,7 +20,7 @@ from homolog.progress import Tick, each_in_threads, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import MOST_THREADS, cores, switching_often
 
-__all__ = ["GeodesicSolver", "check_room", "each_table", "geodesic_distances", "solve_tables"]
+__all__ = ["GeodesicSolver", "check_room", "each_table", "solve_tables"]
 
 _SOLVER_TABLES = 4
 """The solver of a mesh needs less memory than this many of its tables."""
@@ -142,53 +139,6 @@ def each_table(
     works = [partial(solve, task) for task in plan.tasks]
     with switching_often() if at_once > _FEW_THREADS else nullcontext():
         yield from each_in_threads(works, tick, None, at_once)
-
-
-def geodesic_distances(
-    vertices: ArrayLike, faces: ArrayLike, d_max: float, *, device: str = "auto"
-) -> csr_array:
-    """Return the geodesic distances between all vertices of a triangle mesh up to d_max.
-
-    The mesh may have rims, across which no path leads, and pieces, between which there are no distances.
-
-    Parameters
-    ----------
-    vertices : (V, 3) array_like
-        Positions, in any unit of length.
-    faces : (F, 3) array_like of int
-        Vertex indices, consistently oriented.
-    d_max : float
-        Longest distance, in the unit of the vertices; inf for all.
-    device : str
-        ``"auto"`` (the first GPU if there is one, else the CPU), ``"cpu"`` or ``"cuda:<n>"``.
-
-    Returns
-    -------
-    (V, V) float32 csr_array
-        Symmetric. Pairs farther apart than d_max have no entry; the zeros of the diagonal are stored.
-        The rounding error is at most 8e-6 d_max.
-
-    Raises
-    ------
-    InputError
-        If the mesh is not an oriented manifold, d_max is not positive, or the device does not exist.
-
-    References
-    ----------
-    Z. Fu et al., "A fast iterative method for solving the eikonal equation on triangulated surfaces", SIAM
-    Journal on Scientific Computing 33 (2011) 2468-2488; docs/geodesics.md describes the differences.
-
-    Examples
-    --------
-    >>> import homolog as hl
-    >>> vertices = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
-    >>> faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
-    >>> distances = hl.geodesic_distances(vertices, faces, d_max=2.0)  # an octahedron's neighbours
-    >>> distances.nnz, distances[0, 2].round(3)
-    (30, np.float32(1.414))
-    """
-    mesh = TriangleMesh(np.asarray(vertices), np.asarray(faces))
-    return solve_tables([mesh], d_max, device=device)[0].to_csr()
 
 
 def check_room(plan: TablePlan, device: str) -> None:

@@ -2,6 +2,7 @@
 
 import gzip
 import io
+import math
 import struct
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,6 +19,7 @@ from homolog.io.label_names import FREESURFER, matching, near, same_name
 from homolog.io.meshes import read_mesh
 from homolog.progress import Tick, no_tick
 from homolog.settings import Values
+from homolog.surfaces.topology import enclosed_volume
 
 __all__ = [
     "Structure",
@@ -47,7 +49,7 @@ class SubjectStructure:
     value : int or None
         Label of the structure; None if it has a file of its own.
     volume : float
-        Volume of its voxels or its surface [ml].
+        Volume of its voxels or its surface [ml]; 0 of an open surface, which has none.
     at_border : bool
         Whether it touches the border of its image and may be cut off there.
     """
@@ -218,7 +220,8 @@ def _contents_of(subject: Subject, values: Values) -> tuple[list[SubjectStructur
 def _structure_in(name: str, path: Path, values: Values) -> SubjectStructure | None:
     """Return the structure of a file that contains only this one; None if it is empty."""
     if Subject(name, path).is_mesh:
-        return SubjectStructure(name, None, abs(read_mesh(path).volume) / 1000.0)
+        volume = abs(enclosed_volume(read_mesh(path))) / 1000.0
+        return SubjectStructure(name, None, 0.0 if math.isnan(volume) else volume)
     parts = read_volume(path, values).extents()
     volume = sum(part.volume for part in parts) / 1000.0
     return SubjectStructure(name, None, volume, any(part.at_border for part in parts)) if parts else None

@@ -216,10 +216,7 @@ def measure_rows(comparison: PatientComparison, reference: Reference) -> list[tu
         ("Size, relative to expected", f"{100.0 * comparison.size.value:.0f} %", comparison.size),
         ("Largest |z| on the surface", f"{comparison.local.value:.1f}", comparison.local),
     ]
-    return [
-        (name, value, f"{item.percent:.0f} ({item.low:.0f} to {item.high:.0f})", f"{item.p:.2g}")
-        for name, value, item in named
-    ]
+    return [(name, value, _percent_text(item), f"{item.p:.2g}") for name, value, item in named]
 
 
 def region_rows(comparison: PatientComparison, reference: Reference) -> list[tuple[str, ...]]:
@@ -371,19 +368,19 @@ def limit_text(follow_up: FollowUp) -> str:
 
 def change_sentence(change: Change, follow_up: FollowUp) -> str:
     """Describe the change from the first time to a later one."""
-    since = f"{change.name} since {follow_up.comparisons[0].name}"
-    volume = f"volume {100.0 * (change.volume - 1.0):+.1f} %"
+    since = f"{change.name} since {follow_up.comparisons[0].name}: "
+    since += "" if np.isnan(change.volume) else f"volume {100.0 * (change.volume - 1.0):+.1f} %; "
     if change.z is None:
         return (
-            f"{since}: {volume}; surface {change.distance.min():+.1f} to "
+            f"{since}surface {change.distance.min():+.1f} to "
             f"{change.distance.max():+.1f} mm, without a limit."
         )
     if not change.regions:
-        return f"{since}: {volume}; no part of the surface changed by more than the limit."
+        return f"{since}no part of the surface changed by more than the limit."
     most = change.regions[0]
     count = len(change.regions)
     return (
-        f"{since}: {volume}; {count} region{'s' * (count != 1)} beyond the limit, the most extreme by "
+        f"{since}{count} region{'s' * (count != 1)} beyond the limit, the most extreme by "
         f"{most.peak:+.1f} mm (|z| {abs(most.z):.1f}, limit {follow_up.limit:.1f})."
     )
 
@@ -403,9 +400,14 @@ def _expected_sentence(change: Change, follow_up: FollowUp) -> str:
         )
     return (
         f"Against {expected.pairs} controls scanned twice ({expected.between}): {rms.value:.2f} mm (rms) "
-        f"from their mean change, percentile {rms.percent:.0f} ({rms.low:.0f} to {rms.high:.0f}); volume "
-        f"percentile {volume.percent:.0f} ({volume.low:.0f} to {volume.high:.0f}); {local}."
+        f"from their mean change, percentile {_percent_text(rms)}; "
+        + ("" if np.isnan(volume.value) else f"volume percentile {_percent_text(volume)}; ")
+        + f"{local}."
     )
+
+
+def _percent_text(rank: Percentile) -> str:
+    return f"{rank.percent:.0f} ({rank.low:.0f} to {rank.high:.0f})"
 
 
 def _error_text(follow_up: FollowUp) -> str:

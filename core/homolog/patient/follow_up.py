@@ -15,6 +15,7 @@ from homolog.patient.mesh_graph import ring_mean
 from homolog.progress import Tick, no_tick, part_of
 from homolog.statistics.moderation import moderated
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.topology import enclosed_volume
 
 __all__ = ["Change", "FollowUp", "compare_times"]
 
@@ -42,7 +43,7 @@ class Change:
     regions : tuple of Region
         Regions where absolute z exceeds the limit.
     volume : float
-        Ratio of the later volume to the first one.
+        Ratio of the later volume to the first one; NaN of open surfaces.
     expected : AgainstExpected or None
         The change against that of the controls; None if no control has two times.
     """
@@ -181,7 +182,7 @@ def _change(
     if error is not None and limit is not None:
         z = ring_mean(distance, surface.faces, AVERAGED) / error
         beyond = regions(surface, surface.vertex_areas, distance, z, met, limit)
-    volume = abs(later.mesh.volume) / abs(first.mesh.volume)
+    volume = abs(enclosed_volume(later.mesh) / enclosed_volume(first.mesh))
     against = None if expected is None else expected.against(fit, own, volume, surface)
     return Change(
         later.name, frozen(distance), frozen(met), None if z is None else frozen(z), beyond, volume, against

@@ -14,6 +14,7 @@ __all__ = [
     "check_mesh",
     "check_surface",
     "edges",
+    "enclosed_volume",
     "euler_number",
     "face_components",
     "first_of_twins",
@@ -58,6 +59,11 @@ def rim_numbers(rim: IntArray) -> IntArray:
 def euler_number(faces: IntArray) -> int:
     """Return V - E + F over the vertices in use: 2 for a sphere, 0 for a torus."""
     return int(np.count_nonzero(np.bincount(faces.ravel()))) - len(edges(faces)) + len(faces)
+
+
+def enclosed_volume(mesh: TriangleMesh) -> float:
+    """Return the volume of a closed surface [mm³]; NaN of an open one, which encloses none."""
+    return float("nan") if len(rim_sides(mesh.faces)[0]) else mesh.volume
 
 
 def face_components(faces: IntArray) -> IntArray:

@@ -176,6 +176,13 @@ def test_measures_of_hollow_shapes_have_the_thickness_of_their_wall(unit_sphere)
     assert len(measures_of([wall], hollow=False)) == 2
 
 
+def test_an_open_surface_has_an_area_and_no_volume(unit_sphere):
+    points, faces = unit_sphere(300)
+    meshes = [TriangleMesh(points, faces), TriangleMesh(points, faces[5:])]
+    (area,) = measures_of(meshes, hollow=False)
+    assert area.column == "area_cm2"
+
+
 def test_answers_that_are_damaged_or_lack_a_value_are_left_out_and_named(project, without_figures, analyze):
     assert analyze(project, "--between", "A", "C") == 0
     assert analyze(project, "--regress", "age") == 0

@@ -1,12 +1,14 @@
 """The Measure page: distance, volume and area along a mode and for each subject."""
 
 import csv
+import dataclasses
 
 import numpy as np
 import pytest
 import trimesh
 
 from homolog.io.meshes import write_mesh
+from homolog.surfaces.clipping import Plane, clipped
 from homolog.surfaces.closest import distances_to
 from homolog.surfaces.comparison import surface_distances
 from homolog.surfaces.mesh import TriangleMesh
@@ -53,6 +55,25 @@ def test_subjects_have_the_volume_and_area_of_their_own_surfaces(page, window):
     volumes = {row[0]: row[3] for row in cells(page)}
     for name, axes in (("a", (9, 7, 6)), ("b", (10, 7, 5)), ("c", (8, 7.5, 6)), ("d", (9.5, 6, 6.5))):
         assert volumes[name] == pytest.approx(4.0 / 3.0 * np.pi * np.prod(axes) / 1000.0, rel=0.05)
+
+
+def test_open_surfaces_have_no_volume_in_table_plots_and_files(page, window, wait, tmp_path):
+    session = window.workspace.session
+    loaded, up = session.result, np.array([0.0, 0.0, 1.0])
+    both = {name: loaded.surfaces[name] for name in loaded.result.names}
+    opened = {
+        name: (clipped(mesh, Plane.of(mesh.vertices.mean(axis=0), up)), coarse)
+        for name, (mesh, coarse) in both.items()
+    }
+    assert page.charts.each[1].isVisibleTo(page.charts)
+    session.show_result(dataclasses.replace(loaded, surfaces=opened))
+    wait(lambda: len(cells(page)) == 4 and np.isnan(cells(page)[0][3]))
+    assert page.view.isColumnHidden(3)
+    assert not page.charts.boxes[1].isVisibleTo(page.charts)
+    page.write(tmp_path / "measures.csv")
+    heads = (tmp_path / "measures.csv").read_text().splitlines()[0].split(",")
+    assert "area_cm2" in heads
+    assert "volume_ml" not in heads
 
 
 def test_the_distance_is_that_of_the_chosen_particles(page, window):

@@ -30,11 +30,13 @@ def test_each_label_is_listed_with_its_volume(labelled):
     assert survey.awaits_choice  # they lie apart: not one structure
 
 
-def test_the_volume_of_an_open_surface_does_not_depend_on_its_place(tmp_path):
+def test_a_closed_surface_has_a_volume_and_an_open_one_none(tmp_path):
     box = pv.Box((0.0, 10.0, 0.0, 10.0, 0.0, 10.0)).triangulate()
     open_ = box.remove_cells(np.flatnonzero(box.cell_normals[:, 2] > 0.5))
-    open_.translate((300.0, -200.0, 900.0)).save(tmp_path / "open.ply")
-    assert survey_subject(Subject("open", tmp_path / "open.ply"), None).volume_ml == pytest.approx(1.0)
+    for name, mesh, volume in (("closed", box, 1.0), ("open", open_, 0.0)):
+        mesh.translate((300.0, -200.0, 900.0)).save(tmp_path / f"{name}.ply")
+        survey = survey_subject(Subject(name, tmp_path / f"{name}.ply"), None)
+        assert survey.volume_ml == pytest.approx(volume)
 
 
 def test_the_input_surface_lies_where_the_voxels_are(labelled):

@@ -138,3 +138,30 @@ def test_a_model_is_a_table_of_its_modes():
     np.testing.assert_array_equal(table["explained_variance"], model.explained_variance_)
     assert "<table" in model._repr_html_()
     assert hl.ShapeModel(3)._repr_html_() == "<p>ShapeModel(n_components=3)</p>"
+
+
+def test_geodesic_distances_take_a_surface_of_any_library_or_a_file_closed_or_open(tmp_path):
+    vertices = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    wanted = hl.geodesic_distances(vertices, faces, 10.0, device="cpu").toarray()
+    assert wanted[1, 3] == pytest.approx(np.sqrt(5.0), rel=1e-3)
+    open_mesh = trimesh.Trimesh(vertices, faces, process=False)
+    wrapped = pyvista.wrap(open_mesh)
+    open_mesh.export(tmp_path / "sheet.ply")
+    vtk = wrapped.copy().cast_to_unstructured_grid()
+    forms = [
+        (vertices, faces),
+        hl.TriangleMesh(vertices, faces),
+        open_mesh,
+        wrapped,
+        vtk,
+        pyvista.to_meshio(wrapped),
+        tmp_path / "sheet.ply",
+        str(tmp_path / "sheet.ply"),
+    ]
+    for form in forms:
+        distances = hl.geodesic_distances(form, d_max=10.0, device="cpu").toarray()
+        np.testing.assert_allclose(distances, wanted, atol=1e-3)
+    for wrong in (open_mesh, vertices):
+        with pytest.raises(hl.InputError, match="as d_max"):
+            hl.geodesic_distances(wrong, 10.0)

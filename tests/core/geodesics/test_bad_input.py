@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
+from homolog import geodesic_distances
 from homolog.errors import InputError
-from homolog.geodesics import distances_from, geodesic_distances, plan_tables, solve_tables
+from homolog.geodesics import distances_from, plan_tables, solve_tables
 from homolog.surfaces.mesh import TriangleMesh
 
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from homolog.geodesics import distances_from, geodesic_distances
+from homolog import geodesic_distances
+from homolog.geodesics import distances_from
 from homolog.surfaces.mesh import TriangleMesh
 
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from homolog.geodesics import geodesic_distances, measure_accuracy, solve_tables
+from homolog import geodesic_distances
+from homolog.geodesics import measure_accuracy, solve_tables
 from homolog.geodesics.table import ARRAYS
 from homolog.surfaces.mesh import TriangleMesh
 

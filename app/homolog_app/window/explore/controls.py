@@ -113,7 +113,9 @@ class SubjectTable(QAbstractTableModel):
         value = self._rows[index.row()][index.column()]
         is_number = isinstance(value, float)
         if role == Qt.ItemDataRole.DisplayRole:
-            return f"{value:.{self._digits[index.column()]}f}".replace("-", "−") if is_number else value
+            if not isinstance(value, float):
+                return value
+            return "–" if math.isnan(value) else f"{value:.{self._digits[index.column()]}f}".replace("-", "−")
         if role == Qt.ItemDataRole.TextAlignmentRole and is_number:
             return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
         return value if role == SORTED_BY else None
@@ -121,7 +123,7 @@ class SubjectTable(QAbstractTableModel):
 
 def _digits(values: Sequence[float]) -> int:
     """Return the decimals that give the largest value three digits."""
-    most = max((abs(value) for value in values), default=0.0)
+    most = max((abs(value) for value in values if not math.isnan(value)), default=0.0)
     return max(0, 2 - math.floor(math.log10(most))) if most > 0.0 else 0
 
 

@@ -353,8 +353,13 @@ class MeasurePlots(QStackedWidget):
         self, columns: Sequence[FloatArray], groups: Sequence[str], names: Sequence[str]
     ) -> None:
         """Show the columns (M,) of the table by group, and two of them against each other."""
-        for plot, values in zip(self.boxes, columns, strict=True):
+        measured = [bool(np.isfinite(values).any()) for values in columns]
+        for plot, curve, values, shown in zip(self.boxes, self.each, columns, measured, strict=True):
             plot.show_measure(values, groups)
+            plot.setVisible(shown)  # open surfaces have no volume
+            curve.setVisible(shown)
+        if not all(measured[axis] for axis in self.pairs.axes):
+            self.pairs.axes = (2, 3)
         self._measures = columns, names, groups
         self.legend.show_groups(groups)
         self._show_pair()
@@ -377,6 +382,7 @@ class MeasurePlots(QStackedWidget):
 _SAMPLES = 13
 _NAME_PX, _NUMBER_PX, _GROUP_PX, _PADDING_PX = 88, 44, 80, 12
 _HEADS = ("Subject", "Group", "Dist.\n(mm)", "Vol.\n(ml)", "Area\n(cm²)", "Wall\n(mm)", "Dev.\n(mm)")
+_VOLUME = 3
 _PARTICLES = ("First particle", "Second particle")
 _MAPS = {"None": "none", "Wall thickness": "thickness", "Distance from a surface": "distance"}
 _PLOTS = {"Along the mode": 0, "By group": 1, "Scatter plot": 2}
@@ -698,6 +704,7 @@ class MeasurePage(ExplorePage):
         for column in range(2, len(_HEADS)):
             self.view.setColumnWidth(column, max(scaled(_NUMBER_PX), self.view.sizeHintForColumn(column)))
         self.view.fit_names()
+        self.view.setColumnHidden(_VOLUME, bool(np.isnan(measures.volumes).all()))
         self.charts.show_measures(columns, groups, result.names)
 
     def choose_plots(self) -> None:
