@@ -271,6 +271,10 @@ class Measures:
     walls: FloatArray
     from_mean: FloatArray
 
+    def columns(self, apart: FloatArray) -> tuple[FloatArray, ...]:
+        """Return distances of two particles [mm], shape (M,), and the four measures."""
+        return apart, self.volumes, self.areas, self.walls, self.from_mean
+
 
 def measure_meshes(meshes: Sequence[TriangleMesh], from_mean: FloatArray, tick: Tick = no_tick) -> Measures:
     """Measure surfaces.
@@ -356,13 +360,10 @@ def group_lines(result: Result, measures: Measures, first: int, second: int) -> 
 
 
 def _measured(result: Result, measures: Measures, first: int, second: int) -> dict[str, FloatArray]:
-    return {
-        f"distance_{first}_{second}_mm": distances(result.local, first, second),
-        "volume_ml": measures.volumes,
-        "area_cm2": measures.areas,
-        "wall_mm": measures.walls,
-        "distance_from_mean_surface_mm": measures.from_mean,
-    }
+    """Return the measures by their column titles."""
+    titles = (f"distance_{first}_{second}_mm", "volume_ml", "area_cm2", "wall_mm")
+    columns = measures.columns(distances(result.local, first, second))
+    return dict(zip((*titles, "distance_from_mean_surface_mm"), columns, strict=True))
 
 
 def distances(particles: FloatArray, first: int, second: int) -> FloatArray:

@@ -1,6 +1,5 @@
 """A form generated from a settings model: one row per setting, with unit, and help for the active one."""
 
-from collections.abc import Iterable
 from enum import Enum
 from typing import Any
 
@@ -14,7 +13,6 @@ from PySide6.QtWidgets import (
     QLabel,
     QLineEdit,
     QSpinBox,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -22,9 +20,9 @@ from homolog.parameters import Parameter, fault_text, parameters
 from homolog.settings import RunSettings
 from homolog_app.rendering.text import parse_number
 from homolog_app.window.theme import scaled
-from homolog_app.window.widgets import GRID, NumberBox, button, label
+from homolog_app.window.widgets import GRID, NumberBox, button, column, having, label, offer, restyle
 
-__all__ = ["SettingsForm", "SettingsPair", "named_rows", "resources_form", "tab_before"]
+__all__ = ["SettingsForm", "SettingsPair", "resources_form", "tab_before"]
 
 _HINT = "Point at a setting for its help."
 _LINES = 3
@@ -55,19 +53,6 @@ _LABELS = {
     "world": "Aligned",
     "local": "As in the input files",
 }
-
-
-def named_rows(rows: Iterable[tuple[str, QWidget]]) -> QGridLayout:
-    """Return rows of labels at the left and widgets at the right."""
-    grid = QGridLayout()
-    grid.setHorizontalSpacing(GRID)
-    grid.setColumnStretch(1, 1)
-    for line, (text, named) in enumerate(rows):
-        name = label(text)
-        name.setBuddy(named)
-        grid.addWidget(name, line, 0)
-        grid.addWidget(named, line, 1)
-    return grid
 
 
 def tab_before(widget: QWidget, *added: QWidget) -> None:
@@ -118,23 +103,15 @@ class SettingsForm(QWidget):
     ) -> None:
         super().__init__()
         self._model = model()
-        self._rows: dict[str, _Row] = {}
         self.help = help_ or _Help()
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(GRID)
         known = parameters(model)
-        widths = (QLabel(item.label.capitalize()).sizeHint().width() for item in known)
-        self.name_px = max(least_px, *widths)
-        for parameter in known:
-            if parameter.name in leave_out:
-                continue
-            row = _Row(parameter, self.name_px)
-            row.entered.connect(self._enter)
-            row.helped.connect(self.help.show_text)
-            row.marked.connect(self.marked)
-            self._rows[parameter.name] = row
-            layout.addWidget(row)
+        self.name_px = max(least_px, *(QLabel(item.label.capitalize()).sizeHint().width() for item in known))
+        self._rows = {item.name: _Row(item, self.name_px) for item in known if item.name not in leave_out}
+        column(*self._rows.values(), on=self)
+        for each in self._rows.values():
+            each.entered.connect(self._enter)
+            each.helped.connect(self.help.show_text)
+            each.marked.connect(self.marked)
 
     @property
     def problem(self) -> str:
@@ -171,16 +148,10 @@ class SettingsPair(QWidget):
         self.main = SettingsForm(model, leave_out=more, least_px=least_px)
         self.help, self.name_px = self.main.help, self.main.name_px
         self.more = SettingsForm(model, leave_out=main, help_=self.help, least_px=least_px)
-        self.more.hide()
-        self.unfold = button("More settings ▸", "flat")
-        self.unfold.setCheckable(True)
+        self.unfold = button("More settings ▸", "flat", checkable=True)
         self.unfold.toggled.connect(self._fold)
-        self._column = layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(GRID)
-        layout.addWidget(self.main)
-        layout.addWidget(self.unfold, alignment=Qt.AlignmentFlag.AlignLeft)
-        layout.addWidget(self.more)
+        self._column = column(self.main, [self.unfold, ...], on=self)
+        self.add_folded(self.more)
         for form in (self.main, self.more):
             form.edited.connect(self._receive)
             form.marked.connect(self.marked)
@@ -206,7 +177,6 @@ class SettingsPair(QWidget):
         self._column.addWidget(form)
 
     def _fold(self, open_: bool) -> None:
-        self.more.setVisible(open_)
         self.unfold.setText("More settings ▾" if open_ else "More settings ▸")
 
 
@@ -234,9 +204,8 @@ class _Row(QWidget):
         self._shown: object = _NOTHING
         self._editor = self._make_editor()
         self._editor.installEventFilter(self)
-        self._editor.setAccessibleName(parameter.label)
-        self._editor.setAccessibleDescription(parameter.help)
-        self._editor.setToolTip(_help(parameter))
+        names = {"accessibleName": parameter.label, "accessibleDescription": parameter.help}
+        having(self._editor, toolTip=_help(parameter), **names)
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setHorizontalSpacing(GRID)
@@ -337,9 +306,7 @@ class _Row(QWidget):
         if problem != self._problem.text():
             self._problem.setText(problem)
             self._problem.setVisible(bool(problem))
-            self._editor.setProperty("invalid", bool(problem))
-            self._editor.style().unpolish(self._editor)
-            self._editor.style().polish(self._editor)
+            restyle(self._editor, "invalid", bool(problem))
             self.marked.emit()
 
     def _make_editor(self) -> QWidget:
@@ -350,8 +317,7 @@ class _Row(QWidget):
             return tick
         if parameter.choices:
             choice = QComboBox()
-            for value in parameter.choices:
-                choice.addItem(_LABELS.get(value, value.capitalize()), value)
+            offer(choice, {_LABELS.get(value, value.capitalize()): value for value in parameter.choices})
             choice.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
             choice.setMinimumWidth(scaled(_EDITOR))
             choice.activated.connect(lambda _: self._report(choice.currentData()))

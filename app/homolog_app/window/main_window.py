@@ -297,7 +297,7 @@ class MainWindow(QMainWindow):
             page=page,
             pages=pages,
             ready=views is not None,
-            plays=self.workspace.session.step == "explore" and explore.page.plays,
+            plays=self.workspace.session.step == "explore" and explore.page.player is not None,
             answered=bool(explore.page_of(GroupsPage).answers),
             reference=patient.reference is not None,
             patient=patient.comparison is not None,

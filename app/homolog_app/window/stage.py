@@ -26,11 +26,19 @@ from homolog_app.rendering.colours import ColourScale
 from homolog_app.rendering.grid import VIEWS
 from homolog_app.rendering.text import parse_number, short
 from homolog_app.window.actions import Actions
-from homolog_app.window.form import named_rows
 from homolog_app.window.scene import Scene
 from homolog_app.window.slice_view import SliceView
 from homolog_app.window.theme import Theme, pixmap, scaled
-from homolog_app.window.widgets import GRID, ActionButton, PercentEdit, button, choice, label, set_primary
+from homolog_app.window.widgets import (
+    GRID,
+    ActionButton,
+    PercentEdit,
+    button,
+    choice,
+    label,
+    named_rows,
+    set_primary,
+)
 
 __all__ = ["ClipBar", "RangeDialog", "Stage", "ViewBar", "ViewFooter", "view_menu"]
 

@@ -1,17 +1,35 @@
 """Common widgets: labels, buttons, rows, panels, numbers, progress."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from types import EllipsisType
+from typing import Any, TypeVar
 
-from PySide6.QtCore import QCoreApplication, QEvent, QObject, QPoint, QSize, Qt, Signal, Slot
+from PySide6.QtCore import (
+    QCoreApplication,
+    QEvent,
+    QMargins,
+    QObject,
+    QPoint,
+    QSignalBlocker,
+    QSize,
+    Qt,
+    Signal,
+    SignalInstance,
+    Slot,
+)
 from PySide6.QtGui import QAction, QKeyEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractSpinBox,
+    QBoxLayout,
+    QCheckBox,
     QComboBox,
     QFrame,
     QGraphicsOpacityEffect,
+    QGridLayout,
     QHBoxLayout,
     QLabel,
+    QLayout,
     QLineEdit,
     QProgressBar,
     QPushButton,
@@ -33,40 +51,208 @@ __all__ = [
     "ActionButton",
     "NumberBox",
     "Panel",
+    "Part",
     "PercentEdit",
     "Progress",
     "ProgressBar",
     "ValueEdit",
     "button",
     "choice",
+    "clear_grid",
+    "column",
+    "dress_choice",
     "dress_table",
+    "enable_all",
+    "fill",
+    "grid",
+    "having",
+    "held",
     "keep_space",
     "label",
+    "link",
+    "named_rows",
+    "offer",
     "progress_text",
+    "prose",
+    "restyle",
+    "row",
     "rule",
+    "say",
+    "scrolling",
     "set_dimmed",
     "set_primary",
+    "show_all",
+    "slider",
+    "tick",
 ]
 
 
 GRID = 8
+DIALOG_EDGES = (3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
+_Widget = TypeVar("_Widget", bound=QWidget)
+Part = QWidget | QLayout | EllipsisType | int | tuple[QWidget | QLayout, int] | list[Any]
+"""What a layout holds: a widget or layout, also with its share of the free room; a row as a list; pixels of
+space; or ``...`` for the room that is left."""
+
+
+def column(
+    *parts: Part, on: QWidget | None = None, edges: tuple[int, ...] = (0,), gap: int = GRID
+) -> QVBoxLayout:
+    """Return parts below each other.
+
+    Parameters
+    ----------
+    parts : widget, layout, list, int or ...
+    on : QWidget, optional
+        The widget that is laid out.
+    edges : tuple of int
+        Margins [px]: all, or left, top, right and bottom.
+    gap : int
+        Space between the parts [px].
+    """
+    return fill(QVBoxLayout(on) if on else QVBoxLayout(), *parts, edges=edges, gap=gap)
+
+
+def row(
+    *parts: Part, on: QWidget | None = None, edges: tuple[int, ...] = (0,), gap: int = GRID
+) -> QHBoxLayout:
+    """Return parts beside each other; see `column`."""
+    return fill(QHBoxLayout(on) if on else QHBoxLayout(), *parts, edges=edges, gap=gap)
+
+
+_Box = TypeVar("_Box", bound=QBoxLayout)
+
+
+def fill(layout: _Box, *parts: Part, edges: tuple[int, ...] = (), gap: int | None = None) -> _Box:
+    """Add parts to a layout, and set its margins and spaces, if given; see `column`."""
+    if edges:
+        layout.setContentsMargins(QMargins(*(edges if len(edges) > 1 else 4 * edges)))
+    if gap is not None:
+        layout.setSpacing(gap)
+    for each in parts:
+        part, share = each if isinstance(each, tuple) else (each, 0)
+        if isinstance(part, QWidget):
+            layout.addWidget(part, share)
+        elif isinstance(part, QLayout):
+            layout.addLayout(part, share)
+        elif isinstance(part, list):
+            layout.addLayout(row(*part))
+        elif isinstance(part, int):
+            layout.addSpacing(part)
+        else:
+            layout.addStretch()
+    return layout
+
+
+def held(*parts: Part, gap: int = GRID) -> QWidget:
+    """Return a widget with parts below each other, so that they can be shown and hidden together."""
+    result = QWidget()
+    column(*parts, on=result, gap=gap)
+    return result
+
+
+def named_rows(rows: Iterable[tuple[str, QWidget]], on: QWidget | None = None) -> QGridLayout:
+    """Return rows of labels at the left and widgets at the right."""
+    result = grid(on)
+    result.setColumnStretch(1, 1)
+    for line, (text, named) in enumerate(rows):
+        name = label(text)
+        name.setBuddy(named)
+        result.addWidget(name, line, 0)
+        result.addWidget(named, line, 1)
+    return result
+
+
+def grid(on: QWidget | None = None, across: int = GRID, down: int = GRID) -> QGridLayout:
+    """Return an empty grid without margins, with spaces across and down [px]."""
+    result = QGridLayout(on) if on else QGridLayout()
+    result.setContentsMargins(0, 0, 0, 0)
+    result.setHorizontalSpacing(across)
+    result.setVerticalSpacing(down)
+    return result
+
+
+def clear_grid(filled: QGridLayout) -> None:
+    """Take all widgets out of a grid, and delete them."""
+    while (item := filled.takeAt(0)) is not None:
+        if (widget := item.widget()) is not None:
+            widget.hide()  # it would be painted until it is deleted
+            widget.deleteLater()
+
+
+def having(widget: _Widget, **properties: object) -> _Widget:
+    """Set Qt properties of a widget, such as accessibleName or toolTip, and return it."""
+    for name, value in properties.items():
+        widget.setProperty(name, value)
+    return widget
+
+
+def link(slot: Callable[..., object] | SignalInstance, *signals: SignalInstance) -> None:
+    """Call a function, or emit a signal, with each of several signals."""
+    for signal in signals:
+        signal.connect(slot)
+
+
+def show_all(shown: bool, *widgets: QWidget) -> None:
+    """Show or hide widgets."""
+    for widget in widgets:
+        widget.setVisible(shown)
+
+
+def enable_all(enabled: bool, *widgets: QWidget) -> None:
+    """Enable or disable widgets."""
+    for widget in widgets:
+        widget.setEnabled(enabled)
+
+
+def say(target: QLabel, text: str) -> None:
+    """Show a text in a label, which is hidden without one."""
+    target.setText(text)
+    target.setVisible(bool(text))
 
 
 def label(text: str, name: str = "", *, wrap: bool = False) -> QLabel:
     """Return a label; `name` selects its style in the style sheet."""
-    result = QLabel(text)
-    result.setObjectName(name)
-    result.setWordWrap(wrap)
-    result.setTextFormat(Qt.TextFormat.PlainText)
+    return having(QLabel(text), objectName=name, wordWrap=wrap, textFormat=Qt.TextFormat.PlainText)
+
+
+def prose(name: str = "") -> QLabel:
+    """Return an empty label for sentences, which can be selected and copied; `name` selects its style."""
+    return having(
+        label("", name, wrap=True), textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse
+    )
+
+
+def button(
+    text: str, look: str = "", does: Callable[..., object] | None = None, **properties: object
+) -> QPushButton:
+    """Return a push button.
+
+    Parameters
+    ----------
+    text : str
+    look : str
+        ``"primary"``, ``"flat"``, ``"pick"``, ``"card"`` or nothing.
+    does : callable, optional
+        Is called by a click.
+    properties : object
+        Qt properties, such as toolTip.
+    """
+    result = having(QPushButton(text), **({look: "true"} if look else {}), **properties)
+    if does is not None:
+        result.clicked.connect(does)
     return result
 
 
-def button(text: str, look: str = "") -> QPushButton:
-    """Return a push button; its style is ``"primary"``, ``"flat"``, ``"pick"``, ``"card"`` or nothing."""
-    result = QPushButton(text)
-    if look:
-        result.setProperty(look, "true")
-    return result
+def tick(text: str, tip: str = "", *, checked: bool = False) -> QCheckBox:
+    """Return a check box."""
+    return having(QCheckBox(text), toolTip=tip, checked=checked)
+
+
+def slider(name: str, low: int, high: int, **properties: object) -> QSlider:
+    """Return a horizontal slider with its accessible name and Qt properties."""
+    made = QSlider(Qt.Orientation.Horizontal)
+    return having(made, accessibleName=name, minimum=low, maximum=high, **properties)
 
 
 class ActionButton(QPushButton):
@@ -121,14 +307,18 @@ def set_dimmed(widget: QWidget, dimmed: bool) -> None:
 
 def set_primary(target: QPushButton, primary: bool) -> None:
     """Style a button as primary or ordinary."""
-    value = "true" if primary else "false"
-    if target.property("primary") != value:
-        target.setProperty("primary", value)
+    restyle(target, "primary", "true" if primary else "false")
+
+
+def restyle(target: QWidget, name: str, value: object) -> None:
+    """Set a property on which the style sheet depends."""
+    if target.property(name) != value:
+        target.setProperty(name, value)
         target.style().unpolish(target)
         target.style().polish(target)
 
 
-def choice(name: str, entries: Mapping[str, object] | None = None) -> QComboBox:
+def choice(name: str, entries: Mapping[str, object] | None = None, tip: str = "") -> QComboBox:
     """Return a combo box with its accessible name; it can be as narrow as the panel.
 
     Parameters
@@ -136,33 +326,60 @@ def choice(name: str, entries: Mapping[str, object] | None = None) -> QComboBox:
     name : str
     entries : mapping of str to object, optional
         The items, and their data.
+    tip : str
+        Tooltip.
     """
-    box = QComboBox()
-    box.setAccessibleName(name)
-    box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-    box.setMinimumContentsLength(4)
-    for text, data in (entries or {}).items():
-        box.addItem(text, data)
+    box = dress_choice(QComboBox(), name, tip)
+    offer(box, entries or {})
     return box
+
+
+_Choice = TypeVar("_Choice", bound=QComboBox)
+
+
+def dress_choice(box: _Choice, name: str, tip: str = "") -> _Choice:
+    """Name a combo box, and let it be as narrow as the panel."""
+    least = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
+    return having(box, accessibleName=name, toolTip=tip, sizeAdjustPolicy=least, minimumContentsLength=4)
+
+
+def offer(box: QComboBox, entries: Mapping[str, object]) -> None:
+    """Offer other items, given with their data, and keep the one that is chosen, or choose the first."""
+    chosen = box.currentData()
+    with QSignalBlocker(box):
+        if list(entries.items()) != [(box.itemText(at), box.itemData(at)) for at in range(box.count())]:
+            box.clear()
+            for text, data in entries.items():
+                box.addItem(text, data)
+        box.setCurrentIndex(max(box.findData(chosen), 0) if entries else -1)
 
 
 def dress_table(table: QTableView, name: str, least_height: int) -> None:
     """Configure a table: selection of rows, no lines or row numbers, an accessible name."""
-    table.setAccessibleName(name)
-    table.setSelectionBehavior(QTableView.SelectionBehavior.SelectRows)
-    table.setAlternatingRowColors(True)
-    table.setShowGrid(False)
-    table.setWordWrap(False)
-    table.setTabKeyNavigation(False)
-    table.setMinimumHeight(least_height)
+    having(
+        table,
+        accessibleName=name,
+        selectionBehavior=QTableView.SelectionBehavior.SelectRows,
+        alternatingRowColors=True,
+        showGrid=False,
+        wordWrap=False,
+        tabKeyNavigation=False,
+        minimumHeight=least_height,
+    )
     table.verticalHeader().hide()
     table.horizontalHeader().setHighlightSections(False)
 
 
 def rule() -> QFrame:
     """Return a thin horizontal line."""
-    result = QFrame()
-    result.setObjectName("Rule")
+    return having(QFrame(), objectName="Rule")
+
+
+def scrolling(inner: QWidget) -> QScrollArea:
+    """Return a widget that scrolls up and down in the room that it gets."""
+    result = QScrollArea(widgetResizable=True)
+    result.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+    result.setWidget(inner)
     return result
 
 
@@ -207,33 +424,16 @@ class Panel(QWidget):
         super().__init__()
         self.lender: QPushButton | None = None
         self.setAccessibleName(title)
-        self.body = QVBoxLayout()
-        self.body.setContentsMargins(2 * GRID, 0, 2 * GRID, GRID)
-        self.body.setSpacing(GRID)
-        self.footer = QVBoxLayout()
-        self.footer.setContentsMargins(2 * GRID, GRID, 2 * GRID, 2 * GRID)
-        self.footer.setSpacing(GRID)
-        head = QVBoxLayout()
-        head.setContentsMargins(2 * GRID, 2 * GRID, 2 * GRID, GRID)
-        head.setSpacing(GRID // 2)
-        head.addWidget(label(title, "PanelTitle"))
-        head.addWidget(label(hint, "Hint", wrap=True))
-        inner = _Body(self.body)
-        scroll = self._scroll = QScrollArea(widgetResizable=True)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setWidget(inner)
-        scroll.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
-        outer = QVBoxLayout(self)
-        outer.setContentsMargins(0, 0, 0, 0)
-        outer.setSpacing(0)
-        outer.addLayout(head)
-        outer.addWidget(scroll, 1)
-        self.base = QFrame()
-        self.base.setObjectName("PanelBase")
-        self.base.setLayout(self.footer)
+        self.body = column(edges=(2 * GRID, 0, 2 * GRID, GRID))
+        inner, self.base = _Body(self.body), having(QFrame(), objectName="PanelBase")
+        self.footer = column(on=self.base, edges=(2 * GRID, GRID, 2 * GRID, 2 * GRID))
+        self._scroll = scrolling(inner)
+        self._scroll.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
         for widget in (inner, self.base):  # long names do not make the panel wider
             widget.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        outer.addWidget(self.base)
+        texts = (label(title, "PanelTitle"), label(hint, "Hint", wrap=True))
+        head = column(*texts, edges=(2 * GRID, 2 * GRID, 2 * GRID, GRID), gap=GRID // 2)
+        column(head, (self._scroll, 1), self.base, on=self, gap=0)
 
     def take_focus(self) -> None:
         """Let the arrow keys scroll, and Tab reach the first control."""
@@ -296,9 +496,8 @@ class ValueEdit(QLineEdit):
         super().__init__()
         self._low, self._high, self._step, self._form = low, high, step, form
         self._value = 0.0
-        self.setAccessibleName(name)
-        self.setToolTip(f"Type a number from {low:g} to {high:g}".replace("-", "−"))
-        self.setAlignment(Qt.AlignmentFlag.AlignRight)
+        tip = f"Type a number from {low:g} to {high:g}".replace("-", "−")
+        having(self, accessibleName=name, toolTip=tip, alignment=Qt.AlignmentFlag.AlignRight)
         self.setFixedWidth(scaled(64))
         self.editingFinished.connect(self._receive)
 
@@ -369,17 +568,9 @@ class Progress(QWidget):
         super().__init__()
         self.bar = ProgressBar()
         self.message: QLabel = label("", "Hint", wrap=True)
-        self.cancel = button("Cancel")
-        self.cancel.clicked.connect(cancel.trigger)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(GRID)
-        self.buttons = QHBoxLayout()
-        self.buttons.setSpacing(GRID)
-        self.buttons.addWidget(self.cancel)
-        layout.addWidget(self.bar)
-        layout.addWidget(self.message)
-        layout.addLayout(self.buttons)
+        self.cancel = button("Cancel", does=cancel.trigger)
+        self.buttons = row(self.cancel)
+        column(self.bar, self.message, self.buttons, on=self)
         self.hide()
 
     def show_status(self, status: Status | None) -> None:

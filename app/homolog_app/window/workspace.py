@@ -4,7 +4,7 @@ import logging
 import os
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import Concatenate, ParamSpec, TypeVar, cast
 
@@ -24,10 +24,9 @@ from homolog.io.project import ProjectFolder
 from homolog.settings import RunSettings
 from homolog_app.studies.files import Journal, JournalRecord, ViewRecord, record_of, save_view
 from homolog_app.window.dialogs import LogMemory
-from homolog_app.window.form import named_rows
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme
-from homolog_app.window.widgets import GRID, label, set_primary
+from homolog_app.window.widgets import GRID, label, named_rows, set_primary
 from homolog_app.window.work import Work
 
 __all__ = ["Controller", "FileDialogs", "Preferences", "PreferencesDialog", "Workspace", "reported"]
@@ -322,6 +321,9 @@ class Workspace(QObject):
         self.journal.close()
 
 
+_Asked = TypeVar("_Asked")
+
+
 class Controller(QObject):
     """Base of the controllers, which handle a group of the window's commands and show dialogs over it."""
 
@@ -332,6 +334,35 @@ class Controller(QObject):
     def show_error(self, kind: str, error: BaseException) -> None:
         """Show an error."""
         self._workspace.session.failed.emit(kind, error)
+
+    def attempt(self, kind: str, work: Callable[[], object]) -> None:
+        """Do something, and show its error instead of raising it."""
+        try:
+            work()
+        except (HomologError, OSError) as error:
+            _log.warning("%s", error)
+            self.show_error(kind, error)
+
+    def asking(
+        self, ask: Callable[..., "_Asked | None"], *what: str, does: Callable[["_Asked"], object]
+    ) -> Callable[[], None]:
+        """Return a handler that asks for a file or folder, and does something with it if one is chosen.
+
+        Parameters
+        ----------
+        ask : callable
+            A method of `FileDialogs`.
+        what : str
+            What it is called with after the window: title, suggested name, kinds of files.
+        does : callable
+            Takes what was chosen; its errors are shown.
+        """
+
+        def handle() -> None:
+            if chosen := ask(self._window, *what):
+                self.attempt(getattr(does, "__name__", ""), partial(does, chosen))
+
+        return handle
 
 
 _Given = ParamSpec("_Given")
@@ -344,10 +375,6 @@ def reported(method: "_Method[_AnyController, _Given]") -> "_Method[_AnyControll
 
     @wraps(method)
     def wrapper(self: _AnyController, *args: _Given.args, **kwargs: _Given.kwargs) -> None:
-        try:
-            method(self, *args, **kwargs)
-        except (HomologError, OSError) as error:
-            _log.warning("%s", error)
-            self.show_error(method.__name__, error)
+        self.attempt(method.__name__, lambda: method(self, *args, **kwargs))
 
     return cast("_Method[_AnyController, _Given]", wrapper)

@@ -64,7 +64,7 @@ def test_a_covariate_with_an_ampersand_is_the_column_of_that_name(window, named,
     window.projects.open_paths([named])
     wait(lambda: window.workspace.session.result is not None)
     form = next(page.form for page in window.inspector.explore.pages if hasattr(page, "form"))
-    (action,) = [item for item in form.covariate_menu.actions() if item.data() == "a & b"]
+    (action,) = [item for item in form.adjust.menu().actions() if item.data() == "a & b"]
     action.setChecked(True)
     assert form.covariates == ("a & b",)
     assert form.adjust.text() == "Adjust for a && b"

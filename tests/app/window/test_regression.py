@@ -90,7 +90,7 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
     blank = replace(member.subject, columns={**member.subject.columns, "slot": "NA"})
     session.edit("Table", session.study.with_members({member.name: replace(member, subject=blank)}))
     page.form.complete.setChecked(True)
-    actions = {action.text(): action for action in page.form.covariate_menu.actions()}
+    actions = {action.text(): action for action in page.form.adjust.menu().actions()}
     assert not actions["site"].isEnabled()
     assert actions["site"].toolTip() == "The same for all subjects"
     actions["slot"].setChecked(True)
@@ -153,7 +153,7 @@ def test_three_of_four_groups_can_be_chosen_and_are_chosen_by_a_stored_answer(pa
     form.every.click()
     assert form.further.isVisible()
     assert form.between == ("A", "B", "C", "D")
-    form.further_menu.actions()[0].trigger()
+    form.further.menu().actions()[0].trigger()
     assert form.request.between == ("A", "B", "D")
     assert form.further.text() == "Further groups: D"
     assert form.ask(Question(column="centre", between=("B", "C", "D")))

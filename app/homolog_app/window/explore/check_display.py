@@ -1,14 +1,16 @@
 """The display options of the page *Check*, and the sphere of normals."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
+from PySide6.QtCore import QEvent, QPointF, QRectF, QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QColor, QFont, QHelpEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QRadialGradient
-from PySide6.QtWidgets import QToolTip, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QToolTip, QWidget
 
 from homolog.arrays import FloatArray, IntArray
+from homolog.progress import Tick
 from homolog_app.scenes.check import (
     ALONG,
     ENERGIES,
@@ -20,9 +22,8 @@ from homolog_app.scenes.check import (
     textures_of,
 )
 from homolog_app.scenes.states import CheckView
-from homolog_app.window.form import named_rows
 from homolog_app.window.theme import Theme, scaled
-from homolog_app.window.widgets import GRID, NumberBox, choice, label
+from homolog_app.window.widgets import NumberBox, choice, column, having, label, link, named_rows, offer
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -187,7 +188,6 @@ def _frame(mean: FloatArray) -> FloatArray:
     return np.stack([right, np.cross(mean, right), mean])
 
 
-_HINT = Qt.ItemDataRole.UserRole + 1
 _NOBODY: IntArray = np.empty(0, np.int64)
 _TORN = "A pattern that the particles transfer from the average shape; it is torn where they are wrong."
 _SHARE = "Contribution of each particle to this term of the objective: compare places, not absolute values."
@@ -220,16 +220,14 @@ class CheckDisplay(QWidget):
         self._distances: Distances | None = None
         self._energies: ParticleEnergies | None = None
         self._textures: dict[str, dict[str, FloatArray]] = {}
-        self.particle, self.subject, self.show_what = (
-            NumberBox(),
-            choice("Subject to look at"),
-            choice("What the views show"),
-        )
+        self.particle = having(NumberBox(-1, -1), specialValueText="none", accessibleName="Particle")
+        self.subject = choice("Subject to look at")
+        self.show_what = choice("What the views show", {text: value for text, (value, _) in _SHOW.items()})
         self.advice = label("", "Hint", wrap=True)
-        self._lay_out()
-        self.particle.valueChanged.connect(lambda _: self._look())
-        self.subject.activated.connect(lambda _: self._look())
-        self.show_what.currentIndexChanged.connect(lambda _: self._refresh())
+        rows = (("&Particle", self.particle), ("&On", self.subject), ("&Show", self.show_what))
+        column(label("Look at", "SectionTitle"), named_rows(rows), self.advice, on=self)
+        link(self._look, self.particle.valueChanged, self.subject.activated)
+        self.show_what.currentIndexChanged.connect(self._refresh)
         workspace.session.job_changed.connect(self._compute)
 
     @property
@@ -264,24 +262,23 @@ class CheckDisplay(QWidget):
         )
 
     def show_inspection(self, inspection: "Inspection | None", names: tuple[str, ...]) -> None:
-        """Set the inspection of a result; particle and subject are kept if possible."""
+        """Look at another inspection, or at none."""
         self._inspection, self._others = inspection, _NOBODY
         self._picked, self._distances, self._energies, self._textures = None, None, None, {}
         if names != self._names:
             self._names = names
-            self.subject.clear()
-            self.subject.addItems(list(names))
-        self._quietly(
-            lambda: self.particle.setRange(-1, len(inspection.consensus.shape) - 1 if inspection else -1)
-        )
+            offer(self.subject, dict.fromkeys(names))
+        with QSignalBlocker(self.particle):
+            self.particle.setRange(-1, len(inspection.consensus.shape) - 1 if inspection else -1)
         self.setEnabled(inspection is not None)
         self._refresh()
 
     def mark(self, particle: int, subject: int, others: IntArray = _NOBODY) -> None:
-        """Choose a particle on a subject, and mark others there."""
+        """Mark a particle on all shapes, and others on one subject."""
         self._others, self._picked = others, None
         self.subject.setCurrentIndex(subject)
-        self._quietly(lambda: self.particle.setValue(particle))
+        with QSignalBlocker(self.particle):
+            self.particle.setValue(particle)
         self._refresh()
 
     def handle_pick(self, pick: "Pick") -> None:
@@ -317,21 +314,6 @@ class CheckDisplay(QWidget):
     def _mode(self) -> str:
         return str(self.show_what.currentData())
 
-    def _lay_out(self) -> None:
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(GRID)
-        column.addWidget(label("Look at", "SectionTitle"))
-        self.particle.setSpecialValueText("none")
-        self.particle.setRange(-1, -1)
-        for text, (value, hint) in _SHOW.items():
-            self.show_what.addItem(text, value)
-            self.show_what.setItemData(self.show_what.count() - 1, hint, _HINT)
-        self.particle.setAccessibleName("Particle")
-        rows = (("&Particle", self.particle), ("&On", self.subject), ("&Show", self.show_what))
-        column.addLayout(named_rows(rows))
-        column.addWidget(self.advice)
-
     def _look(self) -> None:
         """Show another particle or subject, and look at it."""
         self._others, self._picked = _NOBODY, None
@@ -341,53 +323,28 @@ class CheckDisplay(QWidget):
             self.wanted.emit(m, self._inspection.located.world[m, self.chosen])
 
     def _refresh(self) -> None:
-        self.advice.setText(str(self.show_what.currentData(_HINT)))
+        self.advice.setText(_SHOW[self.show_what.currentText()][1])
         self.changed.emit()
         self._compute()
 
     def _compute(self) -> None:
-        """Start the computation of missing data."""
+        """Compute what the choice needs, if it is not known yet."""
         inspection, mode, origin = self._inspection, self._mode, self._origin
         if inspection is None or self._workspace.session.job.is_busy or not self.isVisible():
             return
+        names, project = self._names, self._workspace.project
+        work: Callable[[Tick], object] | None = None
         if mode == "distances" and origin is not None and not self._is_measured:
             m, place = origin
-            self._workspace.work.compute(
-                "distances",
-                lambda tick: distances_on(inspection, m, place, self._names[m], tick),
-                "distances",
-                self._receive_distances,
-            )
+            work = partial(distances_on, inspection, m, place, names[m])
         elif mode in ENERGIES and self._energies is None:
-            project = self._workspace.project
-            self._workspace.work.compute(
-                "energies",
-                lambda tick: energies_of(inspection, project, tick),
-                "energies",
-                self._receive_energies,
-            )
+            work = partial(energies_of, inspection, project)
         elif mode in ("checkerboard", "stripes") and not self._textures:
-            names = self._names
-            self._workspace.work.compute(
-                "texture",
-                lambda tick: textures_of(inspection, names, tick),
-                "texture",
-                self._receive_textures,
-            )
+            work = partial(textures_of, inspection, names)
+        if work is not None:
+            kind = mode if mode == "distances" else "energies" if mode in ENERGIES else "texture"
+            self._workspace.work.compute(kind, work, kind, partial(self._receive, kind))
 
-    def _receive_distances(self, distances: Distances) -> None:
-        self._distances = distances
+    def _receive(self, kind: str, computed: object) -> None:
+        setattr(self, {"distances": "_distances", "energies": "_energies"}.get(kind, "_textures"), computed)
         self.changed.emit()
-
-    def _receive_energies(self, energies: "ParticleEnergies") -> None:
-        self._energies = energies
-        self.changed.emit()
-
-    def _receive_textures(self, textures: dict[str, dict[str, FloatArray]]) -> None:
-        self._textures = textures
-        self.changed.emit()
-
-    def _quietly(self, change: Callable[[], object]) -> None:
-        before = self.particle.blockSignals(True)
-        change()
-        self.particle.blockSignals(before)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, QSize, Qt, Slot
-from PySide6.QtWidgets import QHBoxLayout, QHeaderView, QTableView
+from PySide6.QtWidgets import QHeaderView, QTableView
 
 from homolog.arrays import FloatArray
 from homolog_app.rendering.content import SubjectContents, ViewContents
@@ -17,7 +17,17 @@ from homolog_app.window.explore.check_display import CheckDisplay, NormalSphere
 from homolog_app.window.explore.check_state import InspectionState
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.theme import Theme, icon, scaled
-from homolog_app.window.widgets import GRID, Progress, button, dress_table, label
+from homolog_app.window.widgets import (
+    GRID,
+    Progress,
+    button,
+    dress_table,
+    enable_all,
+    fill,
+    label,
+    say,
+    show_all,
+)
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -128,18 +138,25 @@ class CheckPage(ExplorePage):
         self.table = suspect_table(self.rows)
         actions.offer(self.table, "check.mend", "check.mend_all", "check.export")
         self.state, self.message = label("", "Hint", wrap=True), label("", wrap=True)
-        self.again, self.export = button("Find suspects"), button("Export list…")
-        self.repair = button("Optimize again here", "primary")
-        self.mend_all_button = button("Optimize again at all suspects")
-        self.keep = button("Save to project")
-        self.unsaved = label(
-            "Particles have changed; the project still has the previous ones.", "Hint", wrap=True
+        self.again, self.export, self.repair, self.mend_all_button, self.keep = (
+            button(text, look, actions[command].trigger, toolTip=actions[command].toolTip())
+            for text, look, command in (
+                ("Find suspects", "", "check.look"),
+                ("Export list…", "", "check.export"),
+                ("Optimize again here", "primary", "check.mend"),
+                ("Optimize again at all suspects", "", "check.mend_all"),
+                ("Save to project", "", "check.keep"),
+            )
         )
+        changed = "Particles have changed; the project still has the previous ones."
+        self.unsaved = label(changed, "Hint", wrap=True)
         self.progress = Progress(actions["run.cancel"])
         self.look = CheckDisplay(workspace)
         self.plots = self.sphere = NormalSphere(workspace.theme)
         self._below = (self.progress, self.unsaved, self.keep, self.mend_all_button, self.repair)
-        self._lay_out()
+        fill(self.body, self.state, (self.table, 1), self.message, [self.again, self.export, ...])
+        fill(self.body, GRID, self.look, ...)
+        fill(self.footer, *self._below)
         self._connect()
         self._show_inspection()
 
@@ -199,36 +216,12 @@ class CheckPage(ExplorePage):
         rows = self.table.selectionModel().selectedRows()
         return rows[0].row() if rows else -1
 
-    def _lay_out(self) -> None:
-        self.body.addWidget(self.state)
-        self.body.addWidget(self.table, 1)
-        self.body.addWidget(self.message)
-        row = QHBoxLayout()
-        for widget in (self.again, self.export):
-            row.addWidget(widget)
-        row.addStretch()
-        self.body.addLayout(row)
-        self.body.addSpacing(GRID)
-        self.body.addWidget(self.look)
-        self.body.addStretch()  # where there is no table
-        for below in self._below:
-            self.footer.addWidget(below)
-
     def _connect(self) -> None:
         session = self.workspace.session
         self.checked.changed.connect(self._show_inspection)
         self.checked.repaired.connect(self._show_repaired)
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._choose(self._row))
-        self.table.activated.connect(lambda index: self._choose(index.row()))  # back to the suspect
-        for widget, command in (
-            (self.again, "check.look"),
-            (self.export, "check.export"),
-            (self.repair, "check.mend"),
-            (self.mend_all_button, "check.mend_all"),
-            (self.keep, "check.keep"),
-        ):
-            widget.setToolTip(self.actions_[command].toolTip())
-            widget.clicked.connect(self.actions_[command].trigger)
+        self.table.activated.connect(lambda index: self._choose(index.row()))
         self.look.changed.connect(self._show_marks)
         self.look.wanted.connect(self._go)
         self.sphere.subject_chosen.connect(self._look_on)
@@ -245,36 +238,30 @@ class CheckPage(ExplorePage):
     def show_state(self) -> None:
         """Update status and buttons."""
         inspection, job = self.checked.inspection, self.workspace.session.job
-        has_suspects = inspection is not None and bool(inspection.suspects)
-        for shown in (self.table, self.export, self.repair, self.mend_all_button):
-            shown.setVisible(has_suspects)
+        suspects = inspection.suspects if inspection is not None else ()
+        show_all(bool(suspects), self.table, self.export, self.repair, self.mend_all_button)
+        enable_all(not job.is_busy, self.keep, self.mend_all_button)
         self.repair.setEnabled(self._suspect is not None and not job.is_busy)
-        self.mend_all_button.setEnabled(not job.is_busy)
         self.progress.show_status(job.status if job.kind == "mend" else None)
         self.again.setVisible(inspection is None and self.checked.is_possible and job.kind not in _WORK)
-        for widget in (self.keep, self.unsaved):
-            widget.setVisible(not self.checked.is_written)
-        self.keep.setEnabled(not job.is_busy)
+        show_all(not self.checked.is_written, self.keep, self.unsaved)
         self.base.setHidden(all(widget.isHidden() for widget in self._below))
         if job.kind in _WORK and job.status is not None:
             doing = f"{job.status.message[:1].upper()}{job.status.message[1:]}"
-            self.state.setText(f"{doing}: {100 * job.status.fraction:.0f} %")
+            text = f"{doing}: {100 * job.status.fraction:.0f} %"
         elif not self.checked.is_possible:
-            self.state.setText("Suspects are found by comparing three or more subjects.")
+            text = "Suspects are found by comparing three or more subjects."
         elif inspection is None:
-            self.state.setText("Not checked yet.")
-        elif not inspection.suspects:
-            self.state.setText("No suspects: neighbours, normals, triangles and coverage are as usual.")
+            text = "Not checked yet."
+        elif not suspects:
+            text = "No suspects: neighbours, normals, triangles and coverage are as usual."
         else:
-            on, count = len({suspect.subject for suspect in inspection.suspects}), len(inspection.suspects)
-            verb = "suspect" if count == 1 else "suspects"
-            self.state.setText(
-                f"{count} {verb} on {on} of {len(self._names)} subjects, the most severe first."
-            )
+            on, verb = len({suspect.subject for suspect in suspects}), "suspect" + "s" * (len(suspects) != 1)
+            text = f"{len(suspects)} {verb} on {on} of {len(self._names)} subjects, the most severe first."
+        self.state.setText(text)
 
     def _say(self, text: str) -> None:
-        self.message.setText(text)
-        self.message.setVisible(bool(text))
+        say(self.message, text)
 
     def _show_marks(self) -> None:
         inspection, particle = self.checked.inspection, self.look.chosen

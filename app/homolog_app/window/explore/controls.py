@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import (
     QAbstractTableModel,
@@ -15,9 +16,6 @@ from PySide6.QtCore import (
 )
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
-    QCheckBox,
-    QGridLayout,
-    QHBoxLayout,
     QMenu,
     QPushButton,
     QWidget,
@@ -25,10 +23,25 @@ from PySide6.QtWidgets import (
 
 from homolog_app.rendering.text import typeset
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.page import ModelCache
-from homolog_app.window.widgets import GRID, ActionButton, button, choice, label
+from homolog_app.window.widgets import (
+    GRID,
+    ActionButton,
+    button,
+    choice,
+    clear_grid,
+    grid,
+    having,
+    label,
+    link,
+    prose,
+    row,
+    tick,
+)
 
-__all__ = ["STEPS", "CompareBox", "NumbersTable", "Pace", "Player", "SubjectTable"]
+if TYPE_CHECKING:
+    from homolog_app.window.explore.page import ModelCache
+
+__all__ = ["STEPS", "ColumnPicker", "CompareBox", "NumbersTable", "Pace", "Player", "SubjectTable"]
 
 STEPS = 100
 """Steps of a slider per standard deviation."""
@@ -39,27 +52,19 @@ class NumbersTable(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._grid = QGridLayout(self)
-        self._grid.setContentsMargins(0, 0, 0, 0)
-        self._grid.setHorizontalSpacing(2 * GRID)
-        self._grid.setVerticalSpacing(GRID // 2)
+        self._grid = grid(self, 2 * GRID, GRID // 2)
         self.texts: list[tuple[str, ...]] = []
 
     def show_rows(self, headings: Sequence[str], rows: Sequence[tuple[str, ...]]) -> None:
         """Show rows of a name and one value per heading; a single heading is hidden."""
-        while (item := self._grid.takeAt(0)) is not None:
-            widget = item.widget()
-            if widget is not None:
-                widget.hide()  # it would be painted until it is deleted
-                widget.deleteLater()
+        clear_grid(self._grid)
         self.texts = list(rows)
         lines = [("", *headings), *rows] if len(headings) > 1 else list(rows)
         for line, (name, *values) in enumerate(lines):
             self._grid.addWidget(label(name, "FieldHelp", wrap=True), line, 0, Qt.AlignmentFlag.AlignTop)
             for column, value in enumerate(values, start=1):
-                text = label(typeset(value), "FieldHelp" if name == "" else "", wrap=True)
-                text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-                text.setAccessibleName(f"{name}: {value}")
+                text = having(prose("FieldHelp" if name == "" else ""), accessibleName=f"{name}: {value}")
+                text.setText(typeset(value))
                 self._grid.addWidget(text, line, column)
         for column in range(self._grid.columnCount()):
             share = 0 if column > len(headings) else 2 if column == 0 else 3
@@ -130,19 +135,13 @@ def _digits(values: Sequence[float]) -> int:
 class CompareBox(QWidget):
     """Shows the model that is compared with the open result, and buttons to choose or remove it."""
 
-    def __init__(self, actions: Actions, fitted: ModelCache) -> None:
+    def __init__(self, actions: Actions, fitted: "ModelCache") -> None:
         super().__init__()
         self._fitted = fitted
         self.choose = ActionButton("Compare with…", actions["explore.compare"])
-        self.leave = button("Stop comparing", "flat")
-        self.leave.clicked.connect(fitted.compare_no_more)
+        self.leave = button("Stop comparing", "flat", does=fitted.compare_no_more)
         self.hint = label("", "Hint", wrap=True)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(GRID)
-        row.addWidget(self.choose)
-        row.addWidget(self.hint, 1)
-        row.addWidget(self.leave)
+        row(self.choose, (self.hint, 1), self.leave, on=self)
         fitted.changed.connect(self._show)
         self._show()
 
@@ -161,36 +160,74 @@ _SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0}
 
 
 class ColumnPicker(QPushButton):
-    """A button with a list of columns of the table that are ticked."""
+    """A button with a list of columns or groups that are ticked.
 
-    def __init__(self, name: str, none: str) -> None:
-        super().__init__(none)
-        self.setAccessibleName(name)
-        self._none, self._columns = none, QMenu(self)
-        self._columns.setToolTipsVisible(True)
-        self.setMenu(self._columns)
+    Parameters
+    ----------
+    name, tip : str
+        Accessible name and tooltip.
+    text : callable
+        The text of the button, from the ticked names.
+    """
 
-    def offer(self, columns: Mapping[str, str]) -> None:
-        """Offer columns, each with the reason why it can't be used, or an empty text; ticks are kept."""
-        kept = self.chosen
-        self._columns.clear()
-        for name, problem in columns.items():
-            action = QAction(name.replace("&", "&&"), self._columns, checkable=True)
+    edited = Signal()
+
+    def __init__(self, name: str, tip: str, text: Callable[[list[str]], str]) -> None:
+        super().__init__()
+        having(self, accessibleName=name, toolTip=tip)
+        self._text, self._entries = text, having(QMenu(self), toolTipsVisible=True)
+        self.setMenu(self._entries)
+
+    def offer(
+        self,
+        problems: Mapping[str, str],
+        *,
+        title: Callable[[str], str] = str,
+        tip: str = "",
+        ticked: bool = False,
+    ) -> None:
+        """Offer names; ticks are kept.
+
+        Parameters
+        ----------
+        problems : mapping of str to str
+            The names, each with the reason why it can't be used, or an empty text.
+        title : callable
+            The text of an entry, from its name.
+        tip : str
+            Tooltip of an entry that can be used; ``{}`` is its name.
+        ticked : bool
+            Whether new names are ticked.
+        """
+        kept = {action.data(): action.isChecked() for action in self._entries.actions()}
+        self._entries.clear()
+        for name, problem in problems.items():
+            action = QAction(title(name).replace("&", "&&"), self._entries, checkable=True)
             action.setData(name)
             action.setEnabled(not problem)
-            action.setToolTip(problem)
-            action.setChecked(name in kept and not problem)
-            action.toggled.connect(self._show)
-            self._columns.addAction(action)
-        self._show()
+            action.setToolTip(problem or tip.format(name))
+            action.setChecked(kept.get(name, ticked) and not problem)
+            link(self._report, action.toggled)
+            self._entries.addAction(action)
+        self.show_chosen()
 
     @property
     def chosen(self) -> list[str]:
-        """The ticked columns."""
-        return [str(action.data()) for action in self._columns.actions() if action.isChecked()]
+        """The ticked names."""
+        return [str(action.data()) for action in self._entries.actions() if action.isChecked()]
 
-    def _show(self) -> None:
-        self.setText(", ".join(self.chosen).replace("&", "&&") or self._none)
+    def choose(self, chosen: Callable[[str], bool]) -> None:
+        """Tick the names for which a function is true, if they can be used."""
+        for action in self._entries.actions():
+            action.setChecked(action.isEnabled() and chosen(action.data()))
+
+    def show_chosen(self) -> None:
+        """Name the ticked ones on the button."""
+        self.setText(self._text(self.chosen).replace("&", "&&"))
+
+    def _report(self) -> None:
+        self.show_chosen()
+        self.edited.emit()
 
 
 class Pace(QTimer):
@@ -227,21 +264,12 @@ class Player(QWidget):
         self._timer = Pace(self, draw_ms)
         self._timer.timeout.connect(self._step)
         self._phase = self._seen = 0.0
-        self.go = ActionButton("Play", actions["run.play"])
-        self.speed, self.reach = choice("Speed", _SPEEDS), choice("Range", ranges)
-        for box in (self.speed, self.reach):
-            box.setMinimumContentsLength(6 if box is self.reach else 3)
-            box.setToolTip(box.accessibleName())
-            box.setCurrentIndex(min(1, box.count() - 1))
+        self.go, self.loop = ActionButton("Play", actions["run.play"]), tick("Loop", checked=True)
+        self.speed, self.reach = choice("Speed", _SPEEDS, "Speed"), choice("Range", ranges, "Range")
+        for box, least in ((self.speed, 3), (self.reach, 6)):
+            having(box, minimumContentsLength=least, currentIndex=min(1, box.count() - 1))
         self.reach.setVisible(len(ranges) > 1)
-        self.loop = QCheckBox("Loop")
-        self.loop.setChecked(True)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(GRID)
-        for widget in (self.go, self.reach, self.speed, self.loop):
-            row.addWidget(widget)
-        row.addStretch()
+        row(self.go, self.reach, self.speed, self.loop, ..., on=self)
 
     @property
     def is_playing(self) -> bool:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from itertools import combinations
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QGridLayout, QLineEdit, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QLineEdit, QPushButton, QWidget
 
 from homolog.cohort.column_types import CATEGORY, plain_name
 from homolog.comparison.sample import LOG_SIZE
@@ -12,9 +12,19 @@ from homolog.errors import InputError
 from homolog.statistics.design import formula_text, parsed
 from homolog_app.rendering.text import shortened
 from homolog_app.studies.questions import covariates_of, strata_of, subjects_of
-from homolog_app.window.form import named_rows
 from homolog_app.window.session import Session
-from homolog_app.window.widgets import GRID, button, choice, label
+from homolog_app.window.widgets import (
+    button,
+    choice,
+    clear_grid,
+    column,
+    having,
+    label,
+    link,
+    named_rows,
+    offer,
+    say,
+)
 
 __all__ = ["FormulaBuilder"]
 
@@ -37,31 +47,21 @@ class FormulaBuilder(QWidget):
         self._terms: list[tuple[str, ...]] = []
         self.problem = ""
         self.chips: dict[tuple[str, ...], QPushButton] = {}
-        self.text = QLineEdit()
-        self.text.setAccessibleName("Formula")
-        self.text.setPlaceholderText("~ group * age + sex")
-        self.text.setToolTip("Columns, + (and), : (interaction), * (both and their interaction)")
-        self.subject, self.strata = choice("Repeated within"), choice("Strata")
-        self.subject.setToolTip(
-            "Column of the subject whose rows are repeated measures, such as visits or sides"
+        tip = "Columns, + (and), : (interaction), * (both and their interaction)"
+        self.text = having(
+            QLineEdit(placeholderText="~ group * age + sex"), accessibleName="Formula", toolTip=tip
         )
-        self.strata.setToolTip("Column such as the site; effects are those within")
+        repeated = "Column of the subject whose rows are repeated measures, such as visits or sides"
+        self.subject = choice("Repeated within", tip=repeated)
+        self.strata = choice("Strata", tip="Column such as the site; effects are those within")
         self._columns, self._interactions = QGridLayout(), QGridLayout()
         self._between = label("Interactions", "Hint")
         self.fault = label("", "Problem", wrap=True)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(GRID)
-        layout.addWidget(label("Main effects", "Hint"))
-        layout.addLayout(self._columns)
-        layout.addWidget(self._between)
-        layout.addLayout(self._interactions)
-        layout.addWidget(self.text)
-        layout.addWidget(self.fault)
-        layout.addLayout(named_rows((("Repeated within", self.subject), ("Within strata", self.strata))))
+        within = named_rows((("Repeated within", self.subject), ("Within strata", self.strata)))
+        terms = (label("Main effects", "Hint"), self._columns, self._between, self._interactions)
+        column(*terms, self.text, self.fault, within, on=self)
         self.text.editingFinished.connect(self._read)
-        for box in (self.subject, self.strata):
-            box.activated.connect(lambda _: self.edited.emit())
+        link(self.edited, self.subject.activated, self.strata.activated)
         self._show()
 
     @property
@@ -70,28 +70,19 @@ class FormulaBuilder(QWidget):
         return formula_text(self._terms) if self._terms else ""
 
     def offer(self) -> None:
-        """Offer the columns of the cohort."""
+        """Offer the columns of the cohort; terms whose columns are gone are dropped."""
         study = self._session.study
-        for grid in (self._columns,):
-            _clear(grid)
+        clear_grid(self._columns)
         self.chips = {}
         usable = covariates_of(study, "")
         offered = {plain_name(name) if name.endswith(CATEGORY) else name: why for name, why in usable.items()}
         for name, problem in {**offered, LOG_SIZE: ""}.items():
-            chip = self._chip((name,), name)
-            chip.setEnabled(not problem)
-            chip.setToolTip(problem or f"Effect of {name}")
+            chip = having(
+                self._chip((name,), name), enabled=not problem, toolTip=problem or f"Effect of {name}"
+            )
             _place(self._columns, chip)
-        for box, first, names in (
-            (self.subject, _ALONE, subjects_of(study)),
-            (self.strata, _NO_STRATA, strata_of(study)),
-        ):
-            kept = box.currentData()
-            box.clear()
-            box.addItem(first, None)
-            for name in names:
-                box.addItem(name, name)
-            box.setCurrentIndex(max(box.findData(kept), 0) if kept else 0)
+        offer(self.subject, {_ALONE: None} | {name: name for name in subjects_of(study)})
+        offer(self.strata, {_NO_STRATA: None} | {name: name for name in strata_of(study)})
         known = set(offered) | {LOG_SIZE}
         self._terms = [term for term in self._terms if set(term) <= known]
         self._show()
@@ -104,10 +95,8 @@ class FormulaBuilder(QWidget):
             box.setCurrentIndex(max(box.findData(name), 0) if name else 0)
 
     def _chip(self, term: tuple[str, ...], text: str) -> QPushButton:
-        chip = button(shortened(text, _LETTERS * len(term)).replace("&", "&&"), "pick")
-        chip.setCheckable(True)
-        chip.setAccessibleName(text)
-        chip.clicked.connect(lambda _, term=term: self._turn(term))
+        short = shortened(text, _LETTERS * len(term)).replace("&", "&&")
+        chip = button(short, "pick", lambda _: self._turn(term), checkable=True, accessibleName=text)
         self.chips[term] = chip
         return chip
 
@@ -136,8 +125,7 @@ class FormulaBuilder(QWidget):
         self.edited.emit()
 
     def _show(self, *, rewrites: bool = True) -> None:
-        """Show the terms on the chips, and offer the interactions of the chosen columns."""
-        _clear(self._interactions)
+        clear_grid(self._interactions)
         self.chips = {term: chip for term, chip in self.chips.items() if len(term) == 1}
         mains = [name for name, *rest in self._terms if not rest]
         pairs = [*combinations(mains, 2), *(term for term in self._terms if len(term) > 1)]
@@ -149,16 +137,8 @@ class FormulaBuilder(QWidget):
         self._between.setVisible(bool(pairs))
         if rewrites:
             self.text.setText(self.formula)
-        self.fault.setText(self.problem)
-        self.fault.setVisible(bool(self.problem))
+        say(self.fault, self.problem)
 
 
 def _place(grid: QGridLayout, chip: QPushButton) -> None:
     grid.addWidget(chip, grid.count() // _IN_A_ROW, grid.count() % _IN_A_ROW)
-
-
-def _clear(grid: QGridLayout) -> None:
-    while (item := grid.takeAt(0)) is not None:
-        if (widget := item.widget()) is not None:
-            widget.hide()
-            widget.deleteLater()

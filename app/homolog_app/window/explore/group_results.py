@@ -14,7 +14,7 @@ from homolog_app.rendering.text import short, signed, typeset
 from homolog_app.studies.questions import correction_text
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.theme import Theme
-from homolog_app.window.widgets import GRID
+from homolog_app.window.widgets import GRID, having
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -54,18 +54,13 @@ class AnswerTable(QTreeWidget):
 
     def __init__(self, name: str, heads: Sequence[str], tips: Sequence[str]) -> None:
         super().__init__()
-        self.setAccessibleName(name)
+        having(self, accessibleName=name, indentation=8, alternatingRowColors=True, wordWrap=True)
+        having(self, rootIsDecorated=False, itemsExpandable=False, uniformRowHeights=False)
         self.texts: list[tuple[str, ...]] = []
         self.setColumnCount(len(heads))
         self.setHeaderLabels(list(heads))
         for column, tip in enumerate(tips):
             self.headerItem().setToolTip(column, tip)
-        self.setRootIsDecorated(False)
-        self.setIndentation(8)
-        self.setItemsExpandable(False)
-        self.setAlternatingRowColors(True)
-        self.setWordWrap(True)  # names of groups may be long
-        self.setUniformRowHeights(False)
         self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
         self.header().setStretchLastSection(False)
         self.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
@@ -266,9 +261,8 @@ class SeedAnswers(QLabel):
 
     def __init__(self) -> None:
         super().__init__()
-        self.setWordWrap(True)
-        self.setTextFormat(Qt.TextFormat.PlainText)
-        self.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        selectable = Qt.TextInteractionFlag.TextSelectableByMouse
+        having(self, wordWrap=True, textFormat=Qt.TextFormat.PlainText, textInteractionFlags=selectable)
         self.hide()
 
     def show_sentences(self, sentences: Sequence[str], reveal: Callable[[QWidget], None]) -> None:

@@ -4,8 +4,8 @@ import shlex
 from functools import partial
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QSlider, QVBoxLayout, QWidget
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QComboBox
 
 from homolog.arrays import Array
 from homolog_app.rendering.content import SubjectContents, ViewContents
@@ -28,19 +28,28 @@ from homolog_app.window.explore.group_form import GroupForm
 from homolog_app.window.explore.group_results import GroupPlot, GroupResults, SeedAnswers, correction_sentence
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.explore.verdict_bar import may_use
-from homolog_app.window.form import named_rows
 from homolog_app.window.session import PAGE_OF_JOB
 from homolog_app.window.widgets import (
-    GRID,
     PercentEdit,
     Progress,
     button,
     choice,
+    enable_all,
+    fill,
+    having,
+    held,
     label,
+    link,
+    named_rows,
+    prose,
     rule,
+    say,
     set_dimmed,
     set_enabled,
     set_primary,
+    show_all,
+    slider,
+    tick,
 )
 from homolog_app.window.workspace import Workspace
 
@@ -55,12 +64,18 @@ _WHOLE = 100
 _END = 14  # maximum letters of a group's name next to the slider
 
 
+_AGAIN = (
+    "Place the particles again with other seeds, store the runs in the project, and report how the "
+    "answer varies; takes as long as that many runs"
+)
+
+
 class GroupsPage(ExplorePage):
     """The question, its answer in words and numbers, and how the map is shown."""
 
     title = "Groups"
     hint = "Differences between groups, or effects of a number, with their tests."
-    plays = True
+
     answered = Signal()
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
@@ -71,123 +86,58 @@ class GroupsPage(ExplorePage):
         self._questions: frozenset[str] = frozenset()
         self._current = True
         self.form = GroupForm(workspace.session)
-        self.nothing = label(
-            "Assign groups in Cohort (Ctrl+G) or import a table. A group needs two subjects.", wrap=True
-        )
-        self.stale = label(
-            "The question has changed. Compare again to update the answer.", "Problem", wrap=True
-        )
-        self.verdict = label("", "SectionTitle", wrap=True)
-        self.effect, self.question = label("", wrap=True), label("", "Hint", wrap=True)
-        self.results = GroupResults()
-        self.others = label("", "Hint", wrap=True)
-        self.summary = label("", wrap=True)
-        self.cautions = label("", "Problem", wrap=True)
-        self.kept, self.by_seed = label("", "Hint", wrap=True), SeedAnswers()
-        for widget in (
-            self.verdict,
-            self.effect,
-            self.question,
-            self.others,
-            self.summary,
-            self.cautions,
-            self.kept,
-        ):
-            widget.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        needs = "Assign groups in Cohort (Ctrl+G) or import a table. A group needs two subjects."
+        self.nothing = label(needs, wrap=True)
+        changed = "The question has changed. Compare again to update the answer."
+        self.stale = label(changed, "Problem", wrap=True)
+        self.verdict, self.effect, self.question = prose("SectionTitle"), prose(), prose("Hint")
+        self.results, self.others, self.summary = GroupResults(), prose("Hint"), prose()
+        self.cautions, self.kept, self.by_seed = prose("Problem"), prose("Hint"), SeedAnswers()
         self.numbers = NumbersTable()
         self.map = choice("Map", _MAPS)
         self.views: QComboBox = choice("Views", _LAYOUTS)
-        self.significant = QCheckBox("Significance")
-        self.significant.setChecked(True)
-        self.to_significant = button("Go to largest")
-        self.to_significant.setToolTip("Show the largest significant region of the map")
-        self.arrows = QCheckBox("Arrows")
-        self.way = QSlider(Qt.Orientation.Horizontal)
-        self.way.setMaximum(_WHOLE)
-        self.way.setAccessibleName("From the first group or value to the second")
+        self.significant, self.arrows = tick("Significance", checked=True), tick("Arrows")
+        largest = "Show the largest significant region of the map"
+        self.to_significant = button("Go to largest", does=self._go_to_significant, toolTip=largest)
+        self.way = slider("From the first group or value to the second", 0, _WHOLE)
         self.first, self.second = label(""), label("")
-        self.player = Player(actions, lambda: fitted.draw_ms, {"": _WHOLE / 2.0})
+        self.player: Player = Player(actions, lambda: fitted.draw_ms, {"": _WHOLE / 2.0})
         self.compare = CompareBox(actions, fitted)
         self.progress = Progress(actions["run.cancel"])
-        self.go = button("Compare groups", "primary")
-        self.keep = button("Add to report")
-        self.seeds = button("")
-        self.seeds.setToolTip(
-            "Place the particles again with other seeds, store the runs in the project, and report how the "
-            "answer varies; takes as long as that many runs"
-        )
+        self.go = button("Compare groups", "primary", actions["explore.test"].trigger)
+        self.keep = button("Add to report", does=actions["explore.keep"].trigger)
+        self.seeds = button("", does=self.repeat, toolTip=_AGAIN)
         self.plots = self.chart = GroupPlot(workspace.theme)
         self._lay_out()
-        self._connect(actions)
+        self._connect()
         self.show_answers()
 
     def _lay_out(self) -> None:
-        for widget in (self.form, self.compare, rule(), self.nothing, self.stale):
-            self.body.addWidget(widget)
-        self.answer = QWidget()
-        answer = QVBoxLayout(self.answer)
-        answer.setContentsMargins(0, 0, 0, 0)
-        answer.setSpacing(GRID)
-        for widget in (self.verdict, self.effect, self.question, self.results, self.others, self.by_seed):
-            answer.addWidget(widget)
-        slide = QHBoxLayout()
         percent = PercentEdit("Percent of the way to the second group or value", self.way)
-        for part in (self.first, self.way, self.second, percent, label("%", "Unit")):
-            slide.addWidget(part, int(part is self.way))
-        answer.addLayout(slide)
-        answer.addLayout(named_rows((("Map", self.map), ("Views", self.views))))
-        ticks = QHBoxLayout()
-        for tick in (self.significant, self.arrows):
-            ticks.addWidget(tick)
-        ticks.addStretch()
-        ticks.addWidget(self.to_significant)
-        answer.addLayout(ticks)
-        for below in (self.player, rule(), self.cautions, self.numbers, self.summary):
-            answer.addWidget(below)
-        self.body.addWidget(self.answer)
-        self.body.addStretch()
-        self.footer.setSpacing(GRID)
-        self.footer.addWidget(self.progress)
-        self.footer.addWidget(self.kept)
-        further = QHBoxLayout()
-        further.setSpacing(GRID)
-        for button_ in (self.seeds, self.keep):
-            further.addWidget(button_)
-        self.footer.addLayout(further)
-        self.footer.addWidget(self.go)
+        self.answer = held(
+            *(self.verdict, self.effect, self.question, self.results, self.others, self.by_seed),
+            [self.first, (self.way, 1), self.second, percent, label("%", "Unit")],
+            named_rows((("Map", self.map), ("Views", self.views))),
+            [self.significant, self.arrows, ..., self.to_significant],
+            *(self.player, rule(), self.cautions, self.numbers, self.summary),
+        )
+        fill(self.body, self.form, self.compare, rule(), self.nothing, self.stale, self.answer, ...)
+        fill(self.footer, self.progress, self.kept, [self.seeds, self.keep], self.go)
 
-    def _connect(self, actions: Actions) -> None:
+    def _connect(self) -> None:
         session = self.workspace.session
-        self.go.clicked.connect(actions["explore.test"].trigger)
-        self.keep.clicked.connect(actions["explore.keep"].trigger)
-        self.seeds.clicked.connect(self.repeat)
         self.results.chosen.connect(self.choose_pair)
         for signal in (self.form.edited, session.study_changed):
             signal.connect(self.show_answers)
             signal.connect(self.shown_changed)
-        session.selection_changed.connect(lambda: self.chart.show_selection(session.selection))
+        self.chart.follow_selection(session)
         self.fitted.changed.connect(self._follow_models)
-        self.to_significant.clicked.connect(self._go_to_significant)
         self.way.valueChanged.connect(self._follow_path)
         self.player.swung.connect(lambda value: self.way.setValue(round(_WHOLE / 2 + value)))
-        for box in (self.map, self.views):
-            box.activated.connect(lambda _: self.shown_changed.emit())
+        link(self.shown_changed, self.map.activated, self.views.activated)
+        link(self.shown_changed, self.significant.toggled, self.arrows.toggled)
         self.map.activated.connect(self._update_map)
-        for tick in (self.significant, self.arrows):
-            tick.toggled.connect(self.shown_changed)
-        self.chart.subject_chosen.connect(lambda name: session.select([name]))
-        self.chart.subject_toggled.connect(session.toggle_selected)
         self.chart.morphed.connect(self._morph)
-
-    def play_or_stop(self) -> bool:
-        """Play from group to group, or pause."""
-        if self.answers:
-            self.player.play_or_stop()
-        return True
-
-    def stop(self) -> None:
-        """Hold."""
-        self.player.stop()
 
     def test(self, *, turns: bool = True) -> None:
         """Open this page and test the chosen groups in each model shown."""
@@ -224,7 +174,7 @@ class GroupsPage(ExplorePage):
             "study",
             lambda tick: save_answers(project, answers, cohort, tick),
             "storing the answer",
-            lambda _: self._show_kept(SeedAnswers.STORED),
+            lambda _: say(self.kept, SeedAnswers.STORED),
         )
 
     def repeat(self) -> None:
@@ -239,11 +189,6 @@ class GroupsPage(ExplorePage):
             f"answers of {seeds} seeds",
             lambda sentences: self.by_seed.show_sentences(sentences, self.reveal),
         )
-
-    def _show_kept(self, text: str) -> None:
-        """Show a message on stored tables, or clear it."""
-        self.kept.setText(text)
-        self.kept.setVisible(bool(text))
 
     def shown(self, subjects: SubjectContents) -> ViewContents:
         """Return the map of the answer, or the mean shape before there is an answer."""
@@ -277,7 +222,7 @@ class GroupsPage(ExplorePage):
         self.all, self.answers = answered
         self._mapped = (0, 0)
         self._questions |= self.all.question.titles
-        self._show_kept("")
+        say(self.kept, "")
         self.by_seed.hide()
         self.show_answers()
         self._follow_path()
@@ -355,18 +300,19 @@ class GroupsPage(ExplorePage):
 
     def show_state(self) -> None:
         """Update status and buttons."""
-        job = self.workspace.session.job
-        for widget in (self.keep, self.seeds):
-            widget.setEnabled(not job.is_busy and self._current and not self.workspace.session.read_only)
-        self.results.setEnabled(not job.is_busy)
-        status = job.status if PAGE_OF_JOB.get(job.kind) == self.title else None
+        session, form = self.workspace.session, self.form
+        idle = not session.job.is_busy
+        enable_all(idle and self._current and not session.read_only, self.keep, self.seeds)
+        self.results.setEnabled(idle)
+        status = session.job.status if PAGE_OF_JOB.get(session.job.kind) == self.title else None
         self.progress.show_status(status)
-        compares = "Compare pairs" if self.form.pairs else "Compare groups"
-        tests = "Test the terms" if self.form.is_formula else "Test the effect"
-        self.go.setText(tests if self.form.is_formula or self.form.is_regression else compares)
-        self.seeds.setText(f"Repeat with {self.form.seeds} seeds")
-        has_result = self.workspace.session.result is not None and self.fitted.shape is not None
-        set_enabled(self.go, has_result and self.form.is_possible and not job.is_busy)
+        asks = (
+            "Test the effect" if form.is_regression else "Compare pairs" if form.pairs else "Compare groups"
+        )
+        self.go.setText("Test the terms" if form.is_formula else asks)
+        self.seeds.setText(f"Repeat with {form.seeds} seeds")
+        has_result = session.result is not None and self.fitted.shape is not None
+        set_enabled(self.go, has_result and form.is_possible and idle)
         self.go.setVisible(status is None)
         set_primary(self.go, not (self.answers and self._current))
 
@@ -374,20 +320,18 @@ class GroupsPage(ExplorePage):
         """Show the answers and whether they match the form."""
         answers = self.answers
         self._current = self._is_current()
-        for widget in (self.way, self.player, self.map, self.views, self.significant, self.arrows):
-            widget.setEnabled(bool(answers))
+        ways = (self.way, self.player, self.map, self.views, self.significant, self.arrows)
+        enable_all(bool(answers), *ways)
         if answers and answers[0].discriminant is None:
             self.map.setCurrentIndex(0)
             self.map.setEnabled(False)
-        for footer in (self.keep, self.seeds):
-            footer.setVisible(bool(answers))
+        show_all(bool(answers), self.keep, self.seeds)
         if self.all is not None:
             line = ["homolog", "analyze", str(self.workspace.project.folder), *self.all.question.arguments]
             self.keep.setToolTip(f"Write its tables into the project; equivalent command: {shlex.join(line)}")
         names = (answers[0].first, answers[0].second) if answers else ("", "")
         for end, name in zip((self.first, self.second), names, strict=True):
-            end.setText(shortened(name, _END))
-            end.setToolTip(name)
+            having(end, text=shortened(name, _END), toolTip=name)
         self.chart.show_answer(answers[0] if answers else None)
         self._update_texts()
         self._update_map()
@@ -414,8 +358,7 @@ class GroupsPage(ExplorePage):
         )
         self.question.setText(question_text(study.question))
         self.results.show_answers(self.all, self._mapped)
-        self.others.setText(correction_sentence(self.all, len(self._questions - self.all.question.titles)))
-        self.others.setVisible(bool(self.others.text()))
+        say(self.others, correction_sentence(self.all, len(self._questions - self.all.question.titles)))
         self.summary.setText(
             typeset(
                 "\n".join(
@@ -427,7 +370,6 @@ class GroupsPage(ExplorePage):
                 )
             )
         )
-        self.cautions.setText(typeset("\n".join(cautions(study))))
-        self.cautions.setVisible(bool(self.cautions.text()))
+        say(self.cautions, typeset("\n".join(cautions(study))))
         shapes = [answer.shape for answer in answers]
         self.numbers.show_rows([shape.title_among(shapes) for shape in shapes], number_rows(answers))

@@ -12,15 +12,11 @@ from PySide6.QtCore import QModelIndex, QSortFilterProxyModel, Qt, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QComboBox,
-    QHBoxLayout,
     QHeaderView,
     QLabel,
     QSizePolicy,
-    QSlider,
     QStackedWidget,
     QTableView,
-    QVBoxLayout,
-    QWidget,
 )
 
 from homolog.arrays import FloatArray
@@ -50,7 +46,6 @@ from homolog_app.window.explore.controls import SORTED_BY, STEPS, SubjectTable
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.explore.plot import Plot
-from homolog_app.window.form import named_rows
 from homolog_app.window.theme import Theme, scaled
 from homolog_app.window.widgets import (
     GRID,
@@ -58,9 +53,18 @@ from homolog_app.window.widgets import (
     NumberBox,
     ValueEdit,
     choice,
+    dress_choice,
     dress_table,
+    fill,
+    having,
+    held,
     label,
+    link,
+    named_rows,
+    offer,
+    row,
     rule,
+    slider,
 )
 from homolog_app.window.workspace import FileDialogs, Workspace
 
@@ -114,21 +118,14 @@ class SurfaceChooser(QComboBox):
         super().__init__()
         self._dialogs = dialogs
         self._first, self._files = dict(first), dict[str, str | None]()
-        self.setAccessibleName(name)
-        self.setToolTip(f"{name}. Mesh files must be in aligned coordinates (LPS, mm).")
-        self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.setMinimumContentsLength(4)
+        dress_choice(self, name, f"{name}. Mesh files must be in aligned coordinates (LPS, mm).")
         self.activated.connect(self._choose)
 
     def show_surfaces(self, subjects: Sequence[str], groups: Sequence[str | None]) -> None:
         """List subjects and the means of groups; the choice stays if it still exists."""
-        before = self.currentData()
         means = {f"Mean of {group}": f"{MEAN_OF}{group}" for group in reference_first(filter(None, groups))}
-        self.clear()
-        for text, data in (self._first | means | {name: name for name in subjects} | self._files).items():
-            self.addItem(text, data)
-        self.addItem(_FILE, _FILE)
-        self.setCurrentIndex(max(0, self.findData(before)))
+        own = {name: name for name in subjects}
+        offer(self, self._first | means | own | self._files | {_FILE: _FILE})
 
     def _choose(self) -> None:
         if self.currentData() == _FILE:
@@ -265,8 +262,7 @@ class GroupLegend(QLabel):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self.setObjectName("PlotLegend")
-        self.setTextFormat(Qt.TextFormat.RichText)
+        having(self, objectName="PlotLegend", textFormat=Qt.TextFormat.RichText)
         self.setContentsMargins(2 * GRID, GRID // 2, GRID, 0)
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self._theme, self._groups = theme, Counter[str]()
@@ -335,18 +331,8 @@ class MeasurePlots(QStackedWidget):
         self.pairs.axes_chosen.connect(self._show_pair)
         self._measures: tuple[Sequence[FloatArray], Sequence[str], Sequence[str]] = ((), (), ())
         self.legend = GroupLegend(theme)
-        for plots in (self.each, self.boxes):
-            page, row = QWidget(), QHBoxLayout()
-            column = QVBoxLayout(page)
-            column.setContentsMargins(0, 0, 0, 0)
-            for layout in (column, row):
-                layout.setSpacing(0)
-            if plots is self.boxes:
-                column.addWidget(self.legend)
-            for plot in plots:
-                row.addWidget(plot)
-            column.addLayout(row, 1)
-            self.addWidget(page)
+        for above, plots in (((), self.each), ((self.legend,), self.boxes)):
+            self.addWidget(held(*above, (row(*plots, gap=0), 1), gap=0))
         self.addWidget(self.pairs)
 
     def show_measures(
@@ -391,6 +377,24 @@ _PLOTS = {"Along the mode": 0, "By group": 1, "Scatter plot": 2}
 class _SubjectView(QTableView):
     """A table whose names take the free width, with a minimum."""
 
+    def show_rows_of(self, rows: QSortFilterProxyModel) -> None:
+        """Show sorted rows in columns of fixed widths."""
+        dress_table(self, "Measures of the subjects", 200)
+        self.setModel(rows)
+        self.setSortingEnabled(True)
+        self.sortByColumn(0, Qt.SortOrder.AscendingOrder)
+        self.setToolTip("Deviation: mean distance of the aligned particles from the mean surface, in mm")
+        self.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
+        self.fit_columns()
+
+    def fit_columns(self) -> None:
+        """Make the columns as wide as their contents."""
+        head = self.horizontalHeader().fontMetrics().horizontalAdvance(_HEADS[1]) + _PADDING_PX
+        self.setColumnWidth(1, min(max(self.sizeHintForColumn(1), head), scaled(_GROUP_PX)))
+        for number in range(2, len(_HEADS)):
+            self.setColumnWidth(number, max(scaled(_NUMBER_PX), self.sizeHintForColumn(number)))
+        self.fit_names()
+
     def fit_names(self) -> None:
         """Distribute the width."""
         head = self.horizontalHeader()
@@ -418,8 +422,12 @@ class MeasurePage(ExplorePage):
         self._along: dict[int, Measures] = {}
         self._request: tuple[object, int] = (None, -1)
         self._next = 0
-        self.particles = (NumberBox(), NumberBox())
-        self.mode, self.place = choice("Mode"), QSlider(Qt.Orientation.Horizontal)
+        tip = "Or click on the shape to set the two particles in turn"
+        first, second = (having(NumberBox(), accessibleName=name, toolTip=tip) for name in _PARTICLES)
+        self.particles = (first, second)
+        self.mode, reach = having(choice("Mode"), minimumContentsLength=8), round(REACH * STEPS)
+        about = "Position along the mode in standard deviations"
+        self.place = slider(about, -reach, reach, singleStep=STEPS // 10, pageStep=STEPS // 2)
         self.at = ValueEdit("Standard deviations", -REACH, REACH)
         model: dict[str, str | None] = {"Shape along the mode": ""}
         self.who = SurfaceChooser(workspace.files, "Shape shown", model)
@@ -427,89 +435,50 @@ class MeasurePage(ExplorePage):
         self.origin = SurfaceChooser(
             workspace.files, "Surface from which distances are measured", {"Mean surface": MEAN}
         )
-        self.map = choice("Map", _MAPS)
+        self.map = choice("Map", _MAPS, "Quantity shown by the colours, in mm")
         self.kind = choice("Plots", _PLOTS)
-        self.map.setToolTip("Quantity shown by the colours, in mm")
         self.table = SubjectTable(_HEADS, self)
         self._rows = QSortFilterProxyModel(self)
         self._rows.setSourceModel(self.table)
         self._rows.setSortRole(SORTED_BY)
         self.view = _SubjectView()
+        self.view.show_rows_of(self._rows)
         actions.offer(self.view, "explore.table")
         self.write_button = ActionButton("Export CSV…", actions["explore.table"])
         self.distances_button = ActionButton("Export distances…", actions["explore.distances"])
         self.plots = self.charts = MeasurePlots(workspace.theme)
-        self._lay_out()
-        self._connect(actions)
-
-    def _lay_out(self) -> None:
-        for title, box in zip(_PARTICLES, self.particles, strict=True):
-            box.setAccessibleName(title)
-            box.setToolTip("Or click on the shape to set the two particles in turn")
-        self.mode.setMinimumContentsLength(8)
-        self.place.setRange(round(-REACH * STEPS), round(REACH * STEPS))
-        self.place.setSingleStep(STEPS // 10)
-        self.place.setPageStep(STEPS // 2)
-        self.place.setAccessibleName("Position along the mode in standard deviations")
-        along = QHBoxLayout()
-        along.addWidget(self.mode)
-        along.addWidget(self.place, 1)
-        along.addWidget(self.at)
-        along.addWidget(label("SD", "Unit"))
-        dress_table(self.view, "Measures of the subjects", 200)
-        self.view.setModel(self._rows)
-        self.view.setSortingEnabled(True)
-        self.view.sortByColumn(0, Qt.SortOrder.AscendingOrder)
-        self.view.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Fixed)
-        for column in range(1, len(_HEADS)):
-            self.view.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.Fixed)
-            self.view.horizontalHeader().resizeSection(
-                column, scaled(_NUMBER_PX if column > 1 else _GROUP_PX)
-            )
-        particles = zip(_PARTICLES, self.particles, strict=True)
-        rows = (
-            *particles,
-            ("Show", self.who),
-            ("Beside", self.beside),
-            ("Map", self.map),
-            ("Distance from", self.origin),
-            ("Plots", self.kind),
+        surfaces = (("Show", self.who), ("Beside", self.beside), ("Map", self.map))
+        others = (("Distance from", self.origin), ("Plots", self.kind))
+        fill(
+            self.body,
+            named_rows((*zip(_PARTICLES, self.particles, strict=True), *surfaces, *others)),
+            [self.mode, (self.place, 1), self.at, label("SD", "Unit")],
+            rule(),
+            label("Groomed surfaces at their original size", "SectionTitle"),
+            (self.view, 1),
         )
+        fill(self.footer, [(self.write_button, 1), (self.distances_button, 1)])
         self.choose_plots()
-        self.body.addLayout(named_rows(rows))
-        self.body.addLayout(along)
-        self.body.addWidget(rule())
-        self.body.addWidget(label("Groomed surfaces at their original size", "SectionTitle"))
-        self.view.setToolTip("Deviation: mean distance of the aligned particles from the mean surface, in mm")
-        self.body.addWidget(self.view, 1)
-        buttons = QHBoxLayout()
-        buttons.addWidget(self.write_button, 1)
-        buttons.addWidget(self.distances_button, 1)
-        self.footer.addLayout(buttons)
         self._show_map()
+        self._connect()
 
-    def _connect(self, actions: Actions) -> None:
+    def _connect(self) -> None:
+        session = self.workspace.session
         self.fitted.changed.connect(self._show_model)
-        self.workspace.session.job_changed.connect(self._measure)
-        self.workspace.session.study_changed.connect(self._show_table)
-        for box in self.particles:
-            box.valueChanged.connect(self._show_measures)
+        session.job_changed.connect(self._measure)
+        session.study_changed.connect(self._show_table)
+        link(self._show_measures, *(box.valueChanged for box in self.particles))
         self.mode.currentIndexChanged.connect(self._show_mode)
         self.place.valueChanged.connect(self._show_place)
         self.at.entered.connect(lambda value: self.place.setValue(round(value * STEPS)))
         for chooser in (self.who, self.beside, self.origin):
             chooser.chosen.connect(self.shown_changed)
-            chooser.failed.connect(partial(self.workspace.session.failed.emit, "open"))
+            chooser.failed.connect(partial(session.failed.emit, "open"))
         self.map.activated.connect(self._show_map)
         self.kind.activated.connect(self.choose_plots)
-        self.charts.pairs.subject_chosen.connect(lambda name: self.workspace.session.select([name]))
-        self.charts.pairs.subject_toggled.connect(self.workspace.session.toggle_selected)
-        self.workspace.session.selection_changed.connect(
-            lambda: self.charts.pairs.show_selection(self.workspace.session.selection)
-        )
+        self.charts.pairs.follow_selection(session)
         self.view.selectionModel().currentRowChanged.connect(self._select)
-        for plot in self.charts.each:
-            plot.chosen.connect(lambda at: self.place.setValue(round(STEPS * at)))
+        link(lambda at: self.place.setValue(round(STEPS * at)), *(plot.chosen for plot in self.charts.each))
 
     def enter(self) -> None:
         """Measure the subjects unless already done."""
@@ -614,12 +583,6 @@ class MeasurePage(ExplorePage):
         self._measure()
         self.shown_changed.emit()
 
-    def _fill_choosers(self) -> None:
-        """List the surfaces that can be shown or compared."""
-        shape = self.fitted.shape
-        for chooser in (self.who, self.beside, self.origin):
-            chooser.show_surfaces(shape.result.names if shape else (), self._groups if shape else ())
-
     def _show_map(self) -> None:
         """Show the map, and enable the controls of distances."""
         measures = self.map.currentData() == "distance"
@@ -664,47 +627,35 @@ class MeasurePage(ExplorePage):
         self.shown_changed.emit()
 
     def _show_measures(self) -> None:
-        """Show the curves and the table for the chosen particles."""
         shape, mode = self.fitted.shape, self.mode.currentIndex()
-        measures = self._along.get(mode)
-        x, none = _amounts(), np.empty(0)
-        axis = f"mode {mode + 1} (SD)"
+        measures, x = self._along.get(mode), _amounts()
+        curves: Sequence[FloatArray] = [np.empty(0)] * len(MEASURES)
         if shape is None or measures is None:
-            for plot in self.charts.each:
-                plot.show_curve(none, none, axis)
+            x = np.empty(0)
         else:
-            apart = shape.distances_along(mode, x, self.pair)
-            for plot, y in zip(
-                self.charts.each,
-                (apart, measures.volumes, measures.areas, measures.walls, measures.from_mean),
-                strict=True,
-            ):
-                plot.show_curve(x, y, axis)
+            curves = measures.columns(shape.distances_along(mode, x, self.pair))
+        for plot, y in zip(self.charts.each, curves, strict=True):
+            plot.show_curve(x, y, f"mode {mode + 1} (SD)")
         self._show_table()
         self._show_place()
 
     def _show_table(self) -> None:
-        self._fill_choosers()
-        loaded = self.workspace.session.result
+        shape, loaded = self.fitted.shape, self.workspace.session.result
+        for chooser in (self.who, self.beside, self.origin):
+            chooser.show_surfaces(shape.result.names if shape else (), self._groups if shape else ())
         if loaded is None or self._subjects is None:
             self.table.show_rows([])
             self.charts.clear_measures()
             return
         from homolog_app.exports.tables import distances
 
-        result, measures = with_current_table(loaded.result, self.workspace.session.study), self._subjects
-        apart = distances(result.local, *self.pair)
-        columns = (apart, measures.volumes, measures.areas, measures.walls, measures.from_mean)
+        result = with_current_table(loaded.result, self.workspace.session.study)
+        columns = self._subjects.columns(distances(result.local, *self.pair))
         groups = [group or "" for group in result.groups]
         rows = zip(result.names, groups, *(column.tolist() for column in columns), strict=True)
         self.table.show_rows(list(rows))
-        head = self.view.horizontalHeader().fontMetrics().horizontalAdvance(_HEADS[1]) + _PADDING_PX
-        widest = max(self.view.sizeHintForColumn(1), head)  # without space for the sort indicator
-        self.view.setColumnWidth(1, min(widest, scaled(_GROUP_PX)))
-        for column in range(2, len(_HEADS)):
-            self.view.setColumnWidth(column, max(scaled(_NUMBER_PX), self.view.sizeHintForColumn(column)))
-        self.view.fit_names()
-        self.view.setColumnHidden(_VOLUME, bool(np.isnan(measures.volumes).all()))
+        self.view.fit_columns()
+        self.view.setColumnHidden(_VOLUME, bool(np.isnan(self._subjects.volumes).all()))
         self.charts.show_measures(columns, groups, result.names)
 
     def choose_plots(self) -> None:

@@ -6,14 +6,16 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QHBoxLayout, QMenu, QToolTip, QWidget
+from PySide6.QtWidgets import QMenu, QToolTip, QWidget
 
 from homolog.arrays import FloatArray
 from homolog.statistics.parallel import ParallelAnalysis
 from homolog_app.rendering.text import signed
 from homolog_app.scenes.states import REACH
 from homolog_app.window.explore.plot import Plot
+from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme
+from homolog_app.window.widgets import row
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -139,6 +141,12 @@ class ScatterPlot(Plot):
             self.redraw()
         else:
             self.follow()
+
+    def follow_selection(self, session: Session) -> None:
+        """Show the selection of a session, and let clicks change it."""
+        self.subject_chosen.connect(lambda name: session.select([name]))
+        self.subject_toggled.connect(session.toggle_selected)
+        session.selection_changed.connect(lambda: self.show_selection(session.selection))
 
     def show_cursor(self, x: float, y: float) -> None:
         """Mark the position of the shape shown [SD]."""
@@ -283,11 +291,7 @@ class ModePlots(QWidget):
         self.setObjectName("Curves")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.scree, self.scatter = ScreePlot(theme), ScatterPlot(theme)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(0)
-        row.addWidget(self.scree, 2)
-        row.addWidget(self.scatter, 3)
+        row((self.scree, 2), (self.scatter, 3), on=self, gap=0)
 
     def show_model(self, shape: "ModelShape | None") -> None:
         """Show the eigenvalues of a model and offer its modes."""

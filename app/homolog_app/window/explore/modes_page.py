@@ -6,18 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import (
-    Qt,
+    QSignalBlocker,
     Signal,
 )
 from PySide6.QtWidgets import (
     QButtonGroup,
-    QCheckBox,
     QComboBox,
-    QGridLayout,
-    QHBoxLayout,
     QPushButton,
-    QSlider,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -30,8 +25,23 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import STEPS, CompareBox, Player
 from homolog_app.window.explore.mode_plots import ModePlots
 from homolog_app.window.explore.page import ExplorePage, ModelCache
-from homolog_app.window.form import named_rows, tab_before
-from homolog_app.window.widgets import GRID, ValueEdit, button, choice, label
+from homolog_app.window.form import tab_before
+from homolog_app.window.widgets import (
+    GRID,
+    ValueEdit,
+    button,
+    choice,
+    column,
+    enable_all,
+    fill,
+    grid,
+    label,
+    link,
+    named_rows,
+    say,
+    slider,
+    tick,
+)
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -58,22 +68,11 @@ class ModeSliders(QWidget):
         self._shape: ModelShape | None = None
         self._choice = QButtonGroup(self)
         self._choice.idClicked.connect(self.chosen_changed)
-        self._column = QVBoxLayout()
-        self._column.setSpacing(GRID)
-        self.more = button("Show more modes", "flat")
-        self.more.clicked.connect(lambda: self._show_rows(len(self.rows) + _MORE))
-        self.reset = button("Mean shape", "flat")
-        self.reset.setToolTip("Set all sliders to zero (M)")
-        self.reset.clicked.connect(lambda: self.show_values(np.zeros(0)))
-        buttons = QHBoxLayout()
-        buttons.addWidget(self.more)
-        buttons.addStretch()
-        buttons.addWidget(self.reset)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(GRID)
-        layout.addLayout(self._column)
-        layout.addLayout(buttons)
+        self._column = column()
+        self.more = button("Show more modes", "flat", lambda: self._show_rows(len(self.rows) + _MORE))
+        zero = "Set all sliders to zero (M)"
+        self.reset = button("Mean shape", "flat", lambda: self.show_values(np.zeros(0)), toolTip=zero)
+        column(self._column, [self.more, ..., self.reset], on=self)
 
     @property
     def values(self) -> FloatArray:
@@ -147,30 +146,21 @@ class _Row(QWidget):
 
     def __init__(self, mode: int, rms: float, share: float, *, above: bool) -> None:
         super().__init__()
-        self.name: QPushButton = button(f"Mode {mode + 1}", "pick")
-        self.name.setCheckable(True)
-        self.name.setToolTip("Play this mode")
-        self.slider = QSlider(Qt.Orientation.Horizontal)
-        self.slider.setRange(round(-REACH * STEPS), round(REACH * STEPS))
-        self.slider.setSingleStep(STEPS // 10)
-        self.slider.setPageStep(STEPS // 2)
-        self.slider.setAccessibleName(f"Mode {mode + 1} in standard deviations")
-        self.typed = ValueEdit(f"Standard deviations of mode {mode + 1}", -REACH, REACH)
+        name = f"Mode {mode + 1}"
+        self.name: QPushButton = button(name, "pick", checkable=True, toolTip="Play this mode")
         of, retained = (" of variance", "") if above else ("", " · not retained")
         text = f"{100 * share:.1f} %{of} · {short(rms)} mm at 1 SD{retained}"
-        self._about = label(text, "FieldHelp")
-        self._about.setToolTip("Root-mean-square displacement of the particles at one standard deviation")
-        self.slider.setAccessibleDescription(self._about.text())
-        grid = QGridLayout(self)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setHorizontalSpacing(GRID)
-        grid.setVerticalSpacing(0)
-        grid.addWidget(self.name, 0, 0)
-        grid.addWidget(self.slider, 0, 1)
-        grid.addWidget(self.typed, 0, 2)
-        grid.addWidget(label("SD", "Unit"), 0, 3)
-        grid.addWidget(self._about, 1, 1, 1, 3)
-        grid.setColumnStretch(1, 1)
+        reach, about = round(REACH * STEPS), label(text, "FieldHelp")
+        about.setToolTip("Root-mean-square displacement of the particles at one standard deviation")
+        steps = {"singleStep": STEPS // 10, "pageStep": STEPS // 2}
+        titled = f"{name} in standard deviations"
+        self.slider = slider(titled, -reach, reach, accessibleDescription=text, **steps)
+        self.typed = ValueEdit(f"Standard deviations of mode {mode + 1}", -REACH, REACH)
+        cells = grid(self, down=0)
+        for place, part in enumerate((self.name, self.slider, self.typed, label("SD", "Unit"))):
+            cells.addWidget(part, 0, place)
+        cells.addWidget(about, 1, 1, 1, 3)
+        cells.setColumnStretch(1, 1)
         self.slider.valueChanged.connect(self._update)
         self.typed.entered.connect(lambda value: self.slider.setValue(round(value * STEPS)))
         self._update()
@@ -182,9 +172,8 @@ class _Row(QWidget):
 
     def show_value(self, value: float) -> None:
         """Move the slider without a signal."""
-        self.slider.blockSignals(True)
-        self.slider.setValue(round(value * STEPS))
-        self.slider.blockSignals(False)
+        with QSignalBlocker(self.slider):
+            self.slider.setValue(round(value * STEPS))
         self._update()
 
     def _update(self) -> None:
@@ -206,71 +195,42 @@ class ModesPage(ExplorePage):
 
     title = "Modes"
     hint = "Move the mean shape along its modes of variation, alone or combined."
-    plays = True
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
         super().__init__(workspace, actions, fitted)
         self.sliders = ModeSliders()
-        self.player = Player(actions, lambda: fitted.draw_ms, _RANGES)
+        self.player: Player = Player(actions, lambda: fitted.draw_ms, _RANGES)
         self.who = choice("Shape shown")
         self.views: QComboBox = choice("Views", _LAYOUTS)
-        self.colours = QCheckBox("Displacement colours")
-        self.colours.setChecked(True)
-        self.arrows = QCheckBox("Arrows")
-        self.mark = label("", "Problem", wrap=True)
-        self.mark.hide()
-        self.state = label("", "Hint", wrap=True)
+        self.colours, self.arrows = tick("Displacement colours", checked=True), tick("Arrows")
+        self.mark, self.state = label("", "Problem", wrap=True), label("", "Hint", wrap=True)
         self.compare = CompareBox(actions, fitted)
         self.plots = self.charts = ModePlots(workspace.theme)
         self._was_preliminary = False
         self.base.hide()
-        self._lay_out()
+        fill(
+            self.body,
+            *(self.mark, self.state, self.sliders, self.player, GRID),
+            named_rows((("Show", self.who), ("Views", self.views))),
+            [self.colours, self.arrows, ...],
+            *(GRID, self.compare, ...),
+        )
         self._connect()
         self._show_model()
 
-    def _lay_out(self) -> None:
-        self.body.addWidget(self.mark)
-        self.body.addWidget(self.state)
-        self.body.addWidget(self.sliders)
-        self.body.addWidget(self.player)
-        self.body.addSpacing(GRID)
-        self.body.addLayout(named_rows((("Show", self.who), ("Views", self.views))))
-        ticks = QHBoxLayout()
-        for tick in (self.colours, self.arrows):
-            ticks.addWidget(tick)
-        ticks.addStretch()
-        self.body.addLayout(ticks)
-        self.body.addSpacing(GRID)
-        self.body.addWidget(self.compare)
-        self.body.addStretch()
-
     def _connect(self) -> None:
-        session = self.workspace.session
+        scatter = self.charts.scatter
         self.fitted.changed.connect(self._show_model)
         self.sliders.moved.connect(self._follow_sliders)
         self.player.swung.connect(lambda value: self.sliders.show_value(self.sliders.chosen, value))
         self.who.activated.connect(lambda _: self._choose_subject(self.who.currentText()))
-        for box in (self.views, self.player.reach):
-            box.activated.connect(lambda _: self.shown_changed.emit())
-        for tick in (self.colours, self.arrows):
-            tick.toggled.connect(self.shown_changed)
+        link(self.shown_changed, self.views.activated, self.player.reach.activated)
+        link(self.shown_changed, self.colours.toggled, self.arrows.toggled)
         self.charts.scree.mode_chosen.connect(self.sliders.choose)
-        self.charts.scatter.subject_chosen.connect(lambda name: session.select([name]))
-        self.charts.scatter.subject_toggled.connect(session.toggle_selected)
-        self.charts.scatter.morphed.connect(self._morph)
-        self.charts.scatter.axes_chosen.connect(self._choose_axes)
-        session.selection_changed.connect(self._follow_selection)
-        session.study_changed.connect(self._show_scores)
-
-    def play_or_stop(self) -> bool:
-        """Play the chosen mode, or pause."""
-        if self._shape is not None:
-            self.player.play_or_stop()
-        return True
-
-    def stop(self) -> None:
-        """Hold."""
-        self.player.stop()
+        scatter.follow_selection(self.workspace.session)
+        scatter.morphed.connect(self._morph)
+        scatter.axes_chosen.connect(self._choose_axes)
+        self.workspace.session.study_changed.connect(self._show_scores)
 
     def shown(self, subjects: SubjectContents) -> ViewContents:
         """Return the shape at the sliders, with the chosen subject next to it."""
@@ -338,36 +298,30 @@ class ModesPage(ExplorePage):
     def show_state(self) -> None:
         """Update status and buttons."""
         shape, job = self._shape, self.workspace.session.job
-        for widget in (self.sliders, self.player, self.who, self.views):
-            widget.setEnabled(shape is not None)
+        enable_all(shape is not None, self.sliders, self.player, self.who, self.views)
         self.compare.setEnabled(self.fitted.shape is not None)
         self._update_preliminary_mark()
-        if shape is None:
-            if job.kind == "model" and job.status is not None:
-                self.state.setText(f"Fitting the shape model: {100 * job.status.fraction:.0f} %")
-            elif job.is_busy:
-                self.state.setText("The shape model is fitted when the current job has ended.")
-            else:
-                self.state.clear()  # the panel above has a button for it
-            return
-        kept = shape.parallel.n_retained
-        verb = "mode is" if kept == 1 else "modes are"
-        share = 100.0 * float(shape.model.explained_variance_ratio_[:kept].sum())
-        self.state.setText(f"{kept} {verb} retained by parallel analysis: {share:.1f} % of the variance.")
+        text = ""  # without a model and work, the panel above has a button for it
+        if shape is not None:
+            kept = shape.parallel.n_retained
+            verb = "mode is" if kept == 1 else "modes are"
+            share = 100.0 * float(shape.model.explained_variance_ratio_[:kept].sum())
+            text = f"{kept} {verb} retained by parallel analysis: {share:.1f} % of the variance."
+        elif job.kind == "model" and job.status is not None:
+            text = f"Fitting the shape model: {100 * job.status.fraction:.0f} %"
+        elif job.is_busy:
+            text = "The shape model is fitted when the current job has ended."
+        self.state.setText(text)
 
     def _update_preliminary_mark(self) -> None:
         """Mark a model of a run that has not finished."""
         early, session = self.fitted.preliminary, self.workspace.session
-        self.mark.setVisible(early is not None)
-        if early is None:
-            return
+        text = "The model of the result is being fitted."
         if session.job.run is not None:
             text = "The model is replaced as the run continues."
         elif session.result is None:
             text = "The run was cancelled: keep the particles or resume the run in Correspond."
-        else:
-            text = "The model of the result is being fitted."
-        self.mark.setText(f"{early.description.capitalize()}. {text}")
+        say(self.mark, f"{early.description.capitalize()}. {text}" if early is not None else "")
 
     def _follow_sliders(self) -> None:
         first, second = self.charts.scatter.axes
@@ -397,9 +351,6 @@ class ModesPage(ExplorePage):
         else:
             self.sliders.show_values(())
 
-    def _follow_selection(self) -> None:
-        self.charts.scatter.show_selection(self.workspace.session.selection)
-
     def _scores(self) -> FloatArray:
         shape = self._shape
         assert shape is not None
@@ -412,4 +363,4 @@ class ModesPage(ExplorePage):
         present = {member.name: member.subject.group or "" for member in self.workspace.session.study.members}
         groups = [present.get(name, "") for name in shape.result.names]
         self.charts.show_scores(self._scores(), shape, groups)
-        self._follow_selection()
+        self.charts.scatter.show_selection(self.workspace.session.selection)

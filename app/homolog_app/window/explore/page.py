@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, Qt, Signal, Slot
+from PySide6.QtCore import QObject, Signal, Slot
 from PySide6.QtWidgets import QComboBox, QWidget
 
 from homolog.comparison.stored import name_primary, stored_answers
@@ -18,11 +18,23 @@ from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.model_shape import ModelShape, PreliminaryModel, fit_model_shape
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.group_results import StoredAnswers
-from homolog_app.window.widgets import GRID, ActionButton, Panel, button, label
+from homolog_app.window.widgets import (
+    GRID,
+    ActionButton,
+    Panel,
+    button,
+    fill,
+    label,
+    link,
+    prose,
+    say,
+    show_all,
+)
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog_app.scenes.slices import SliceScene
+    from homolog_app.window.explore.controls import Player
     from homolog_app.window.scene import Pick
 
 __all__ = ["ExplorePage", "ModelCache", "OverviewPage"]
@@ -54,8 +66,7 @@ class ModelCache(QObject):
         self.draw_ms = 0.0
         """Drawing time of the views [ms], which limits the speed of playback."""
         session = workspace.session
-        for signal in (session.result_changed, session.job_changed, session.page_changed):
-            signal.connect(self._look)
+        link(self._look, session.result_changed, session.job_changed, session.page_changed)
 
     @property
     def shape(self) -> "ModelShape | None":
@@ -175,8 +186,8 @@ class ExplorePage(Panel):
     ----------
     title : str
         Text of the page's tab.
-    plays : bool
-        Whether the page plays something, so that the space bar does.
+    player : Player or None
+        What plays when the space bar is pressed.
     plots : QWidget or None
         Content of the dock below the views while the page is open.
     views : QComboBox or None
@@ -189,7 +200,6 @@ class ExplorePage(Panel):
 
     title = ""
     hint = ""
-    plays = False
     shown_changed = Signal()
     place_wanted = Signal(str, object, object)
     turn_wanted = Signal(str, object, object)
@@ -198,6 +208,7 @@ class ExplorePage(Panel):
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
         super().__init__(self.title, self.hint)
         self.workspace, self.actions_, self.fitted = workspace, actions, fitted
+        self.player: Player | None = None
         self.plots: QWidget | None = None
         self.views: QComboBox | None = None
         self.colour_range: tuple[float, float] | None = None
@@ -253,7 +264,9 @@ class ExplorePage(Panel):
 
     def play_or_stop(self) -> bool:
         """Play or pause the page's animation; return whether it has one."""
-        return False
+        if self.player is not None and self.player.isEnabled():
+            self.player.play_or_stop()
+        return self.player is not None
 
     @property
     def can_be_drawn_again(self) -> bool:
@@ -277,6 +290,8 @@ class ExplorePage(Panel):
 
     def stop(self) -> None:
         """Stop playing because the page is closed or the window is minimized."""
+        if self.player is not None:
+            self.player.stop()
 
 
 _NEXT = {
@@ -286,6 +301,11 @@ _NEXT = {
     "explore.measure": "How large? Measure",
     "explore.patient": "How unusual is one patient? Patient",
 }
+
+
+_PRIMARY = (
+    "Reports begin with the selected study and call all others secondary; choose it before you see results"
+)
 
 
 class OverviewPage(ExplorePage):
@@ -298,49 +318,23 @@ class OverviewPage(ExplorePage):
         super().__init__(workspace, actions, fitted)
         session = self._session = workspace.session
         self._busy = False
-        self.summary = label("", wrap=True)
-        self.summary.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.files = label("", "Hint", wrap=True)
-        self.files.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.body.addWidget(label("Result", "SectionTitle"))
-        self.body.addWidget(self.summary)
-        self.body.addSpacing(GRID)
-        self.verdict = label("", wrap=True)
-        self.verdict.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.body.addWidget(label("Verdict", "SectionTitle"))
-        self.body.addWidget(self.verdict)
-        self.body.addSpacing(GRID)
-        self.body.addWidget(label("What next", "SectionTitle"))
-        for command, title in _NEXT.items():
-            self.body.addWidget(ActionButton(title, actions[command]))
-        self.body.addSpacing(GRID)
+        self.summary, self.verdict, self.files = prose(), prose(), prose("Hint")
         self.kept_title = label("Answers stored in the project", "SectionTitle")
-        self.kept = StoredAnswers()
-        self.outdated = label("", "Problem", wrap=True)
-        self.outdated.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.kept, self.outdated = StoredAnswers(), prose("Problem")
         self.kept_hint = label("Double-click an answer to see it.", "Hint")
-        self.primary = button("Make primary")
-        self.primary.setToolTip(
-            "Reports begin with the selected study and call all others secondary; choose it before you see "
-            "results"
-        )
-        self.primary.clicked.connect(self._name_primary)
-        self.kept.currentItemChanged.connect(lambda *_: self._show_primary())
-        for widget in (self.kept_title, self.kept, self.kept_hint, self.primary, self.outdated):
-            self.body.addWidget(widget)
-        self.body.addSpacing(GRID)
-        self.body.addWidget(label("Playback", "SectionTitle"))
+        self.primary = button("Make primary", does=self._name_primary, toolTip=_PRIMARY)
+        self.kept.currentItemChanged.connect(self._show_primary)
         self.playback = label("", "Hint", wrap=True)
-        self.body.addWidget(self.playback)
-        self.body.addSpacing(GRID)
-        self.body.addWidget(label("Files", "SectionTitle"))
-        self.body.addWidget(self.files)
-        self.body.addStretch()
+        following = [ActionButton(title, actions[command]) for command, title in _NEXT.items()]
+        answers = (self.kept_title, self.kept, self.kept_hint, self.primary, self.outdated)
+        title = partial(label, name="SectionTitle")
+        fill(self.body, title("Result"), self.summary, GRID, title("Verdict"), self.verdict, GRID)
+        fill(self.body, title("What next"), *following, GRID, *answers, GRID)
+        fill(self.body, title("Playback"), self.playback, GRID, title("Files"), self.files, ...)
         self.save = ActionButton("Save project…", actions["file.save"], "primary")
         self.footer.addWidget(self.save)
-        session.result_changed.connect(self._show)
-        workspace.session.job_changed.connect(self._follow_work)
-        session.project_changed.connect(self._show)
+        link(self._show, session.result_changed, session.project_changed)
+        session.job_changed.connect(self._follow_work)
 
     def enter(self) -> None:
         """Read the stored answers again."""
@@ -360,11 +354,9 @@ class OverviewPage(ExplorePage):
         note = ["Out of date: particles were placed again. Compare again, or write the report:"] * bool(old)
         text = "\n".join([*note, *old, *damaged])
         self.kept.show_answers([stored for stored in kept if not stored.is_outdated])
-        self.outdated.setText(text)
-        self.kept_hint.setVisible(not self.kept.isHidden())
-        self.primary.setVisible(not self.kept.isHidden())
+        show_all(not self.kept.isHidden(), self.kept_hint, self.primary)
         self._show_primary()
-        self.outdated.setVisible(bool(text))
+        say(self.outdated, text)
         self.kept_title.setVisible(bool(kept or text))
 
     def _show_primary(self) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from PySide6.QtCore import QTimer
-from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QTabBar, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QStackedWidget, QTabBar, QWidget
 
 from homolog.arrays import Array
 from homolog.comparison.question import Question
@@ -27,7 +27,7 @@ from homolog_app.window.explore.plan_dialog import PlanDialog
 from homolog_app.window.explore.plot import plots_of
 from homolog_app.window.explore.printing import drawn_report, print_pages
 from homolog_app.window.explore.verdict_bar import VerdictBar
-from homolog_app.window.widgets import GRID, button, label, set_dimmed
+from homolog_app.window.widgets import GRID, button, column, having, label, link, row, say, set_dimmed
 from homolog_app.window.workspace import Controller, Workspace, reported
 
 if TYPE_CHECKING:
@@ -57,10 +57,7 @@ class ExplorePanel(QWidget):
         super().__init__()
         self.setAccessibleName("Explore")
         self.fitted = ModelCache(workspace, self)
-        self.tabs = QTabBar()
-        self.tabs.setExpanding(False)
-        self.tabs.setDrawBase(False)
-        self.tabs.setAccessibleName("Pages of Explore")
+        self.tabs = having(QTabBar(), expanding=False, drawBase=False, accessibleName="Pages of Explore")
         self._stack = QStackedWidget()
         self.pages = [kind(workspace, actions, self.fitted) for kind in PAGES]
         for page in self.pages:
@@ -68,36 +65,24 @@ class ExplorePanel(QWidget):
             self._stack.addWidget(page)
             for plot in (each for part in (page, page.plots) if part is not None for each in plots_of(part)):
                 plot.files = workspace.files
-        self._session = workspace.session
-        self._session.pages = tuple(page.title for page in PAGES)
-        self._session.page = PAGES[0].title
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, GRID // 2, 0, 0)
-        layout.setSpacing(0)
-        layout.addWidget(self.tabs)
-        self.outdated = label("", "Problem", wrap=True)
+        session = self._session = workspace.session
+        session.pages = tuple(page.title for page in PAGES)
+        session.page = PAGES[0].title
+        self.verdict, self.outdated = VerdictBar(session), label("", "Problem", wrap=True)
         self.outdated.setContentsMargins(2 * GRID, GRID, 2 * GRID, 0)
+        self.fit = button("Fit shape model", does=self.fitted.retry)
+        missing = label("The shape model is not fitted.", "Problem", wrap=True)
         self.unfitted = QWidget()
-        row = QHBoxLayout(self.unfitted)
-        row.setContentsMargins(2 * GRID, GRID, 2 * GRID, 0)
-        row.addWidget(label("The shape model is not fitted.", "Problem", wrap=True), 1)
-        self.fit = button("Fit shape model")
-        self.fit.clicked.connect(self.fitted.retry)
-        row.addWidget(self.fit)
-        self.verdict = VerdictBar(workspace.session)
-        layout.addWidget(self.verdict)
-        layout.addWidget(self.outdated)
-        layout.addWidget(self.unfitted)
-        layout.addWidget(self._stack, 1)
-        self.tabs.currentChanged.connect(self._session.show_page)
-        self._session.page_changed.connect(self._turn)
-        for signal in (workspace.session.study_changed, workspace.session.result_changed):
-            signal.connect(self._update_outdated)
+        row((missing, 1), self.fit, on=self.unfitted, edges=(2 * GRID, GRID, 2 * GRID, 0))
+        parts = (self.tabs, self.verdict, self.outdated, self.unfitted)
+        column(*parts, (self._stack, 1), on=self, edges=(0, GRID // 2, 0, 0), gap=0)
+        self.tabs.currentChanged.connect(session.show_page)
+        session.page_changed.connect(self._turn)
+        link(self._update_outdated, session.study_changed, session.result_changed)
         self._page_before: ExplorePage | None = None
-        for signal in (workspace.session.result_changed, self.fitted.changed):
-            signal.connect(self._offer_pages)
-        for signal in (workspace.session.job_changed, self.fitted.changed):
-            signal.connect(lambda: self.unfitted.setVisible(self.fitted.is_cancelled))
+        link(self._offer_pages, session.result_changed, self.fitted.changed)
+        offered = (session.job_changed, self.fitted.changed)
+        link(lambda: self.unfitted.setVisible(self.fitted.is_cancelled), *offered)
         self.unfitted.hide()
         self._update_outdated()
 
@@ -118,8 +103,7 @@ class ExplorePanel(QWidget):
         """Show whether the result belongs to a previous cohort."""
         study, result = self._session.study, self._session.result
         text = outdated_text(study, result.record, settings=False) if result is not None else ""
-        self.outdated.setText(text)
-        self.outdated.setVisible(bool(text))
+        say(self.outdated, text)
         for page in self.pages:
             if isinstance(page, ModesPage | MeasurePage | CheckPage):  # *Groups* compares with its question
                 for widget in filter(None, (page, page.plots)):
@@ -158,7 +142,7 @@ PAGE_COMMANDS = {
     "explore.patient": PatientPage.title,
 }
 """Titles of the pages that commands open."""
-_REFERENCES = "References (*.npz)"
+_REFERENCES, _LISTS = "References (*.npz)", "CSV (*.csv);;JSON (*.json)"
 
 
 class ExploreController(Controller):
@@ -167,10 +151,8 @@ class ExploreController(Controller):
     def __init__(self, window: QWidget, workspace: Workspace, panel: ExplorePanel) -> None:
         super().__init__(window, workspace)
         self._panel = panel
-        self._modes, self._groups = self._panel.page_of(ModesPage), self._panel.page_of(GroupsPage)
-        self._measure = self._panel.page_of(MeasurePage)
-        self._check = self._panel.page_of(CheckPage)
-        self._patient = self._panel.page_of(PatientPage)
+        self._groups, self._check = panel.page_of(GroupsPage), panel.page_of(CheckPage)
+        self._patient = panel.page_of(PatientPage)
         for page in self._panel.pages:
             page.page_wanted.connect(partial(workspace.session.show_page, page.title, "explore"))
         self._plan: PlanDialog | None = None
@@ -180,12 +162,17 @@ class ExploreController(Controller):
         self._panel.fitted.changed.connect(self._ask_wanted)  # a project that was just opened has no model
         session = workspace.session
         self._asked_of: LoadedResult | None = None
-        for signal in (session.page_changed, session.step_changed, session.job_changed, panel.fitted.changed):
-            signal.connect(self._show_stored)
+        stages = (session.page_changed, session.step_changed, session.job_changed, panel.fitted.changed)
+        link(self._show_stored, *stages)
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return the handlers of the commands of *Explore*."""
-        show_page = self._workspace.session.show_page
+        show_page, noticed = self._workspace.session.show_page, self._workspace.session.noticed
+        files, measure, patient = self._workspace.files, self._panel.page_of(MeasurePage), self._patient
+        later = partial(patient.further.add_time, repeats=False)
+        repeat = partial(patient.further.add_time, repeats=True)
+        again = "Another segmentation of the first time"
+        groups = "References of further groups"
         return {
             **{name: partial(show_page, title, "explore") for name, title in PAGE_COMMANDS.items()},
             "check.look": self._check.checked.want,
@@ -193,22 +180,39 @@ class ExploreController(Controller):
             "check.mend": self._check.repair_chosen,
             "check.mend_all": self._check.repair_all,
             "check.keep": self._check.checked.write,
-            "check.export": self.write_suspects,
-            "explore.mean": self._modes.sliders.reset.click,
+            "check.export": self.asking(
+                files.new, "Export suspects", "suspects.csv", _LISTS, does=self._check.checked.export
+            ),
+            "explore.mean": self._panel.page_of(ModesPage).sliders.reset.click,
             "explore.test": self._groups.test,
             "explore.keep": self._groups.store,
-            "explore.compare": self.compare,
+            "explore.compare": self.asking(
+                files.folder, "Compare with the result of a project", does=self._panel.fitted.compare_with
+            ),
             "explore.plan": self.plan,
-            "explore.table": self.write_table,
-            "explore.distances": self.write_distances,
-            "patient.reference": self._patient.make_reference,
-            "patient.open_reference": self.open_reference,
-            "patient.keep_reference": self.save_reference,
+            "explore.table": self.asking(
+                files.new, "Export measures", "measures.csv", "CSV (*.csv)", does=measure.write
+            ),
+            "explore.distances": self.asking(
+                *(files.new, "Export distances", "distances.vtp", "Surfaces (*.vtp *.ply)"),
+                does=lambda path: noticed.emit(measure.write_distances(path)),
+            ),
+            "patient.reference": patient.make_reference,
+            "patient.open_reference": self.asking(
+                files.file, "Open reference", _REFERENCES, does=patient.open_reference
+            ),
+            "patient.keep_reference": self.asking(
+                files.new, "Save reference", "reference.npz", _REFERENCES, does=patient.save_reference
+            ),
             "patient.open": self.open_patient,
-            "patient.groups": self.compare_groups,
-            "patient.later": lambda: self.add_time(repeats=False),
-            "patient.repeat": lambda: self.add_time(repeats=True),
-            "patient.save": self.save_patient,
+            "patient.groups": self.asking(
+                files.files, groups, _REFERENCES, does=patient.further.compare_groups
+            ),
+            "patient.later": self.asking(files.file, "The patient at a later time", FILES, does=later),
+            "patient.repeat": self.asking(files.file, again, FILES, does=repeat),
+            "patient.save": self.asking(
+                files.new, "Save report as (creates a folder)", "Patient", does=patient.write
+            ),
             "file.print": self.print_patient,
         }
 
@@ -269,13 +273,6 @@ class ExploreController(Controller):
             if request is not None and study.question.identity == request.identity and comparison in titles:
                 self._groups.choose_pair(number, titles.index(comparison))
 
-    @reported
-    def compare(self) -> None:
-        """Ask for a project's folder and show its result next to the open one."""
-        folder = self._workspace.files.folder(self._window, "Compare with the result of a project")
-        if folder:
-            self._panel.fitted.compare_with(folder)
-
     def plan(self) -> None:
         """Ask for the effect that a study should find, and show its power."""
         if self._plan is None:
@@ -296,86 +293,25 @@ class ExploreController(Controller):
 
         self._workspace.work.compute("plan", work, "planning", dialog.show_plan)
 
-    @reported
     def _save_plan(self, plan: "Plan") -> None:
         from homolog_app.report.plan import write_plan
 
-        path = self._workspace.files.new(self._window, "Save plan", "plan.pdf", "PDF (*.pdf);;HTML (*.html)")
-        if path:
+        def save(path: Path) -> None:
             write_plan(path, plan)
             self._workspace.session.noticed.emit(f"Plan written to {path}")
 
-    @reported
-    def write_table(self) -> None:
-        """Ask for a file and write the measures of the subjects."""
-        path = self._workspace.files.new(self._window, "Export measures", "measures.csv", "CSV (*.csv)")
-        if path:
-            self._measure.write(path)
-
-    @reported
-    def write_distances(self) -> None:
-        """Ask for a file and write the distances between the two surfaces of *Measure*."""
-        kinds = "Surfaces (*.vtp *.ply)"
-        path = self._workspace.files.new(self._window, "Export distances", "distances.vtp", kinds)
-        if path:
-            self._workspace.session.noticed.emit(self._measure.write_distances(path))
-
-    @reported
-    def write_suspects(self) -> None:
-        """Ask for a file and write the list of suspects."""
-        kinds = "CSV (*.csv);;JSON (*.json)"
-        path = self._workspace.files.new(self._window, "Export suspects", "suspects.csv", kinds)
-        if path:
-            self._check.checked.export(path)
+        kinds = "PDF (*.pdf);;HTML (*.html)"
+        self.asking(self._workspace.files.new, "Save plan", "plan.pdf", kinds, does=save)()
 
     def drop_files(self, paths: Sequence[Path]) -> bool:
         """Offer dropped files to the open page; return whether it accepted them."""
         return self._panel.page.drop_files(paths)
 
-    @reported
-    def open_reference(self) -> None:
-        """Ask for a reference's file and compare with it."""
-        path = self._workspace.files.file(self._window, "Open reference", _REFERENCES)
-        if path:
-            self._patient.open_reference(path)
-            self._workspace.session.page_changed.emit()
-
-    @reported
-    def save_reference(self) -> None:
-        """Ask for a file and write the reference."""
-        path = self._workspace.files.new(self._window, "Save reference", "reference.npz", _REFERENCES)
-        if path:
-            self._patient.save_reference(path)
-
-    @reported
     def open_patient(self) -> None:
         """Ask for a patient's file and compare it."""
         self._workspace.session.show_page(PatientPage.title, "explore")
-        path = self._workspace.files.file(self._window, "Patient's segmentation or surface", FILES)
-        if path:
-            self._patient.compare(path)
-
-    @reported
-    def compare_groups(self) -> None:
-        """Ask for references of further groups and show how typical the patient is of each."""
-        paths = self._workspace.files.files(self._window, "References of further groups", _REFERENCES)
-        if paths:
-            self._patient.further.compare_groups(paths)
-
-    @reported
-    def add_time(self, *, repeats: bool) -> None:
-        """Ask for the file of a later time, or for another segmentation of the first one."""
-        title = "Another segmentation of the first time" if repeats else "The patient at a later time"
-        path = self._workspace.files.file(self._window, title, FILES)
-        if path:
-            self._patient.further.add_time(path, repeats=repeats)
-
-    @reported
-    def save_patient(self) -> None:
-        """Ask for a new folder and write the patient's report there."""
-        path = self._workspace.files.new(self._window, "Save report as (creates a folder)", "Patient")
-        if path:
-            self._patient.write(path)
+        what, files = "Patient's segmentation or surface", self._workspace.files
+        self.asking(files.file, what, FILES, does=self._patient.compare)()
 
     @reported
     def print_patient(self) -> None:

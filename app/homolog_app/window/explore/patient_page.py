@@ -9,16 +9,12 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QModelIndex, QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import (
-    QCheckBox,
     QComboBox,
     QFormLayout,
-    QHBoxLayout,
     QHeaderView,
     QLabel,
     QLineEdit,
-    QSlider,
     QTableView,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -58,7 +54,6 @@ from homolog_app.window.explore.page import ExplorePage, ModelCache
 from homolog_app.window.explore.plot import Plot
 from homolog_app.window.explore.printing import report_buttons
 from homolog_app.window.explore.verdict_bar import may_use
-from homolog_app.window.form import named_rows
 from homolog_app.window.session import PAGE_OF_JOB
 from homolog_app.window.theme import Theme, scaled
 from homolog_app.window.widgets import (
@@ -67,10 +62,23 @@ from homolog_app.window.widgets import (
     PercentEdit,
     Progress,
     choice,
+    column,
     dress_table,
+    enable_all,
+    fill,
+    having,
+    held,
     label,
+    link,
+    named_rows,
+    offer,
+    prose,
     rule,
+    say,
     set_primary,
+    show_all,
+    slider,
+    tick,
 )
 from homolog_app.window.workspace import Workspace
 
@@ -143,8 +151,8 @@ class PatientForm(QFormLayout):
         self.setLabelAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         self.fields: dict[str, QLineEdit] = {}
         self.side: QComboBox | None = None
-        self.cut_off = QCheckBox("Cut off at a flat end")
-        self.cut_off.setToolTip("The segmentation ends at a plane: the missing part is not a difference")
+        ends = "The segmentation ends at a plane: the missing part is not a difference"
+        self.cut_off = tick("Cut off at a flat end", ends)
 
     @property
     def values(self) -> dict[str, str]:
@@ -153,18 +161,15 @@ class PatientForm(QFormLayout):
         return {**side, **{name: field.text() for name, field in self.fields.items()}}
 
     def show_reference(self, reference: "Reference | None") -> None:
-        """Offer a field for each covariate of a reference, and its side."""
+        """Ask for the covariates of a reference; empty without one."""
         while self.rowCount():
             self.removeRow(0)
-        self.fields, self.side = {}, None
-        if reference is None:
-            return
-        for name in reference.coding.names:
-            self.fields[name] = QLineEdit()
-            self.fields[name].setAccessibleName(name)
-            self.addRow(_named(name.capitalize()), self.fields[name])
-        if reference.provenance.side:
-            self.side = choice("Side", _SIDES)
+        names = reference.coding.names if reference else ()
+        self.fields = {name: having(QLineEdit(), accessibleName=name) for name in names}
+        self.side = choice("Side", _SIDES) if reference and reference.provenance.side else None
+        for name, field in self.fields.items():
+            self.addRow(_named(name.capitalize()), field)
+        if self.side is not None:
             self.addRow(_named("Side"), self.side)
 
 
@@ -205,23 +210,18 @@ class FollowUpPart(QWidget):
         self.groups: tuple[GroupRow, ...] = ()
         self._patient: tuple[ComparedPatient, Reference, Callable[[], Mapping[str, str]]] | None = None
         self._others: dict[str, Reference] = {}
-        body = QVBoxLayout(self)
-        body.setContentsMargins(0, 0, 0, 0)
-        body.addWidget(label("Further groups", "SectionTitle"))
-        body.addWidget(ActionButton("Compare with groups…", actions["patient.groups"]))
-        self.typical = label("", wrap=True)
-        self.caution = label("", "FieldHelp", wrap=True)
-        body.addWidget(self.typical)
-        body.addWidget(self.caution)
-        body.addWidget(label("Follow-up", "SectionTitle"))
-        row = QHBoxLayout()
-        row.addWidget(ActionButton("Add later time…", actions["patient.later"]), 1)
-        row.addWidget(ActionButton("Add repeat…", actions["patient.repeat"]), 1)
-        body.addLayout(row)
-        self.change = label("", wrap=True)
-        body.addWidget(self.change)
-        for text in (self.typical, self.change):
-            text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.typical, self.caution, self.change = prose(), label("", "FieldHelp", wrap=True), prose()
+        groups, later, repeat = (
+            ActionButton(text, actions[name])
+            for text, name in (
+                ("Compare with groups…", "patient.groups"),
+                ("Add later time…", "patient.later"),
+                ("Add repeat…", "patient.repeat"),
+            )
+        )
+        further = (label("Further groups", "SectionTitle"), groups, self.typical, self.caution)
+        follow_up = (label("Follow-up", "SectionTitle"), [(later, 1), (repeat, 1)], self.change)
+        column(*further, *follow_up, on=self)
         self._show()
 
     def set_patient(
@@ -265,16 +265,11 @@ class FollowUpPart(QWidget):
         self._show()
 
     def _show(self) -> None:
-        self.typical.setText("")
-        self.caution.setText("")
-        if self.groups:
-            from homolog.patient.findings import GROUP_CAUTION, group_sentence
+        from homolog.patient.findings import GROUP_CAUTION, group_sentence
 
-            self.typical.setText("\n".join(group_sentence(row) for row in self.groups))
-            self.caution.setText(GROUP_CAUTION)
-        self.change.setText(change_text(self.times) if self.times else "")
-        for text in (self.typical, self.caution, self.change):
-            text.setVisible(bool(text.text()))
+        say(self.typical, "\n".join(group_sentence(row) for row in self.groups))
+        say(self.caution, GROUP_CAUTION if self.groups else "")
+        say(self.change, change_text(self.times) if self.times else "")
 
 
 def remark_texts(comparison: "PatientComparison | None") -> tuple[str, str]:
@@ -328,27 +323,26 @@ class PatientPage(ExplorePage):
         self._compared: ComparedPatient | None = None
         self.places: list[tuple[FloatArray, FloatArray]] = []
         self.group, self._default = choice("Controls"), ""
-        self.adjust = ColumnPicker("Columns to adjust for", "Nothing")
-        self.person, self.time = choice("Column of the person"), choice("Column of the time")
-        self.person.setToolTip("Controls with the same value are scans of one person")
-        self.time.setToolTip("Column that tells the times of a person apart")
+        self.adjust = ColumnPicker("Columns to adjust for", "", lambda names: ", ".join(names) or "Nothing")
+        same = "Controls with the same value are scans of one person"
+        self.person = choice("Column of the person", tip=same)
+        self.time = choice("Column of the time", tip="Column that tells the times of a person apart")
         self.make = ActionButton("Make reference", actions["patient.reference"], "primary")
         self.open = ActionButton("Open…", actions["patient.open_reference"])
         self.keep = ActionButton("Save…", actions["patient.keep_reference"])
         self.about, self.cautions = label("", "FieldHelp", wrap=True), label("", wrap=True)
         self.form = PatientForm()
         self.file = ActionButton("Choose a patient's file…", actions["patient.open"], "primary")
-        self.finding = label("", wrap=True)
-        self.notes, self.remarks = label("", "FieldHelp", wrap=True), label("", "Problem", wrap=True)
+        self.finding, self.notes, self.remarks = prose(), prose("FieldHelp"), prose("Problem")
         self.map = choice("Map", _MAPS)
         self.views: QComboBox = choice("Views", _VIEWS)
-        self.way = QSlider(Qt.Orientation.Horizontal)
+        self.way = slider("From the mean to the patient", 0, _STEPS, value=_STEPS)
+        self.percent = PercentEdit("Percent of the way from the mean to the patient", self.way)
         self.path = choice("From the mean to the patient", _PATHS)
-        self.overlaid = QCheckBox("Transparent over the mean")
-        self.only_beyond = QCheckBox("Only beyond the limit")
+        self.overlaid, self.only_beyond = tick("Transparent over the mean"), tick("Only beyond the limit")
         self.nearest = label("", "FieldHelp", wrap=True)
-        self.single = QCheckBox("Save with names and scores of controls")
-        self.single.setToolTip("Needed to name the nearest controls; these are data of individual subjects")
+        named = "Needed to name the nearest controls; these are data of individual subjects"
+        self.single = tick("Save with names and scores of controls", named)
         self.bars = PercentileBars(workspace.theme)
         self.regions, self.table = region_table(self)
         self.further = FollowUpPart(workspace, actions)
@@ -360,63 +354,33 @@ class PatientPage(ExplorePage):
         self._show_reference()
 
     def _lay_out(self) -> None:
-        self.body.addWidget(label("Reference", "SectionTitle"))
-        boxes = (self.group, self.adjust, self.person, self.time)
-        self.body.addLayout(named_rows(zip(_ABOVE, boxes, strict=True)))
-        row = QHBoxLayout()
-        for widget in (self.make, self.open, self.keep):
-            row.addWidget(widget, 2 if widget is self.make else 1)
-        self.body.addLayout(row)
-        for below in (self.single, self.about, self.cautions, label("Patient", "SectionTitle")):
-            self.body.addWidget(below)
-        self.body.addLayout(self.form)
-        hint = label("Or drop a segmentation or a surface here.", "FieldHelp", wrap=True)
-        for part in (self.form.cut_off, self.file, hint):
-            self.body.addWidget(part)
-        self.finding.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.answer = QWidget()
-        self.body.addWidget(self.answer)
-        self._lay_out_answer()
-        self.body.addStretch()
-        self.footer.addWidget(self.progress)
-        self.footer.addWidget(self.save)
-
-    def _lay_out_answer(self) -> None:
-        """Lay out the result of a comparison."""
-        answer = QVBoxLayout(self.answer)
-        answer.setContentsMargins(0, 0, 0, 0)
-        answer.setSpacing(GRID)
-        answer.addWidget(self.finding)
-        for line in (self.notes, self.remarks):
-            line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-            answer.addWidget(line)
-        rows = (("Map", self.map), ("Views", self.views), ("Morph", self.path))
-        answer.addLayout(named_rows(rows))
-        self.way.setRange(0, _STEPS)
-        self.way.setValue(_STEPS)
-        self.way.setAccessibleName("From the mean to the patient")
-        ends = QHBoxLayout()
-        self.percent = PercentEdit("Percent of the way from the mean to the patient", self.way)
-        texts = (label("mean", "FieldHelp"), label("patient", "FieldHelp"), label("%", "Unit"))
-        for part in (texts[0], self.way, texts[1], self.percent, texts[2]):
-            ends.addWidget(part, int(part is self.way))
-        answer.addLayout(ends)
-        for check in (self.overlaid, self.only_beyond):
-            answer.addWidget(check)
-        for widget in (rule(), self.bars, self.nearest):
-            answer.addWidget(widget)
-        answer.addWidget(self.regions)
-        answer.addWidget(self.further)
+        ends = (label("mean", "FieldHelp"), (self.way, 1), label("patient", "FieldHelp"))
+        self.answer = held(
+            *(self.finding, self.notes, self.remarks),
+            named_rows((("Map", self.map), ("Views", self.views), ("Morph", self.path))),
+            [*ends, self.percent, label("%", "Unit")],
+            *(self.overlaid, self.only_beyond, rule(), self.bars, self.nearest, self.regions, self.further),
+        )
+        fill(
+            self.body,
+            label("Reference", "SectionTitle"),
+            named_rows(zip(_ABOVE, (self.group, self.adjust, self.person, self.time), strict=True)),
+            [(self.make, 2), (self.open, 1), (self.keep, 1)],
+            *(self.single, self.about, self.cautions),
+            label("Patient", "SectionTitle"),
+            *(self.form, self.form.cut_off, self.file),
+            label("Or drop a segmentation or a surface here.", "FieldHelp", wrap=True),
+            self.answer,
+            ...,
+        )
+        fill(self.footer, self.progress, self.save)
 
     def _connect(self) -> None:
         self.workspace.session.study_changed.connect(self._show_groups)
         self.regions.clicked.connect(self._go_to)
-        for box in (self.map, self.views, self.path):
-            box.activated.connect(lambda _: self._show_map())
+        link(self._show_map, *(box.activated for box in (self.map, self.views, self.path)))
         self.further.changed.connect(self._show_change)
-        self.way.valueChanged.connect(lambda _: self.shown_changed.emit())
-        for check in (self.only_beyond, self.overlaid):
-            check.toggled.connect(self.shown_changed)
+        link(self.shown_changed, self.way.valueChanged, self.only_beyond.toggled, self.overlaid.toggled)
 
     def show_state(self) -> None:
         """Show the progress of the page's jobs."""
@@ -520,6 +484,7 @@ class PatientPage(ExplorePage):
         from homolog.patient import Reference
 
         self.set_reference(Reference.load(path))
+        self.workspace.session.page_changed.emit()
 
     def save_reference(self, path: Path) -> None:
         """Write the reference; raises InputError if it can't be written."""
@@ -575,85 +540,67 @@ class PatientPage(ExplorePage):
         self._compared = compared
         comparison = self.comparison = compared.comparison if compared else None
         reference = self.reference
-        is_compared = comparison is not None and reference is not None
         self.finding.setText(finding_text(comparison, reference))
         for line, text in zip((self.notes, self.remarks), remark_texts(comparison), strict=True):
-            line.setText(text)
-            line.setVisible(bool(text))
+            say(line, text)
         self.bars.show_patient(comparison, reference)
-        self.nearest.setText(nearest_text(comparison, reference))
-        self.nearest.setVisible(bool(self.nearest.text()))
+        say(self.nearest, nearest_text(comparison, reference))
         self.further.set_patient(compared, reference, lambda: self.form.values)
-        self._offer_change()
-        for widget in (self.answer, self.save):
-            widget.setVisible(is_compared)
+        show_all(comparison is not None and reference is not None, self.answer, self.save)
         self.show_state()
-        self._show_map()
-        if is_compared:
+        self._show_change()
+        if comparison is not None and reference is not None:
             QTimer.singleShot(0, self, lambda: self.reveal(self.finding, at_top=True))
 
-    def _offer_change(self) -> None:
-        """Enable the map of change once there is a later time."""
-        times = self.further.times
+    def _show_change(self) -> None:
+        """Offer the map of changes if there are some, and choose it."""
+        times, index = self.further.times, self.map.findData(CHANGE)
         has_change = times is not None and times.follow_up is not None
-        index = self.map.findData(CHANGE)
         model = self.map.model()
         assert isinstance(model, QStandardItemModel)
         model.item(index).setEnabled(has_change)
         if has_change != (self.map.currentIndex() == index):
             self.map.setCurrentIndex(index if has_change else 0)
-
-    def _show_change(self) -> None:
-        self._offer_change()
         self._show_map()
 
     def _show_map(self) -> None:
-        """Show the chosen map, with its regions in the table."""
-        for widget in (self.views, self.path, self.way, self.percent, self.overlaid):
-            widget.setEnabled(self.comparison is not None and self._change is None)
+        comparison, change = self.comparison, self._change
+        morphs = (self.views, self.path, self.way, self.percent, self.overlaid)
+        enable_all(comparison is not None and change is None, *morphs)
         rows: list[tuple[str | float, ...]] = []
         self.places = []
-        comparison = self.comparison
-        if self._change is not None:
-            for item in change_regions(self._change):
+        if change is not None:
+            for item in change_regions(change):
                 rows.append((item.time, item.region.area, item.region.mean, "", item.region.z))
                 self.places.append((item.place, item.seen_from))
         elif comparison is not None and self._compared is not None:
+            self.places = list(self._compared.places)
             for number, region in enumerate(comparison.regions, start=1):
                 place = f"{number} {comparison.place(region)}".strip()
                 rows.append((place, region.area, region.mean, 100.0 * region.thicker, region.z))
-                self.places.append(self._compared.places[number - 1])
         self.table.show_rows(rows)
         self.regions.setVisible(bool(rows))
         self.shown_changed.emit()
 
     def _show_groups(self) -> None:
         """Offer the groups of the cohort as controls; a group with such a name comes first."""
-        groups = reference_first(filter(None, self.workspace.session.study.groups))
+        study = self.workspace.session.study
+        groups = reference_first(filter(None, study.groups))
         default = next(filter(names_reference, groups), _EVERYONE)
         chosen = default if self.group.currentText() == self._default else self.group.currentText()
         self._default = default
-        self.group.clear()
-        self.group.addItems([_EVERYONE, *groups])
+        offer(self.group, dict.fromkeys((_EVERYONE, *groups)))
         self.group.setCurrentText(chosen if self.group.findText(chosen) >= 0 else default)
-        study = self.workspace.session.study
         size = size_name(study)
         usable = covariates_of(study, "group").items()
         self.adjust.offer({name: why for name, why in usable if name in study.columns and name != size})
         for box in (self.person, self.time):
-            chosen = box.currentText()
-            box.clear()
-            box.addItem("None", "")
-            for name in study.columns:
-                box.addItem(name, name)
-            box.setCurrentIndex(max(0, box.findText(chosen)))
+            offer(box, {"None": ""} | {name: name for name in study.columns})
 
     def _show_reference(self) -> None:
-        """Describe the reference, with a field for each covariate."""
         text, cautions = about_texts(self.reference)
         self.about.setText(text)
-        self.cautions.setText(cautions)
-        self.cautions.setVisible(bool(cautions))
+        say(self.cautions, cautions)
         set_primary(self.make, self.reference is None)
         self.form.show_reference(self.reference)
         self._receive(None)

@@ -3,13 +3,23 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import Qt, Slot
+from PySide6.QtCore import Slot
 from PySide6.QtGui import QFontDatabase
-from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLineEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLineEdit, QWidget
 
 from homolog_app.rendering.text import parse_number
-from homolog_app.window.form import named_rows
-from homolog_app.window.widgets import GRID, button, label, set_primary
+from homolog_app.window.widgets import (
+    DIALOG_EDGES,
+    GRID,
+    button,
+    column,
+    having,
+    label,
+    named_rows,
+    prose,
+    say,
+    show_all,
+)
 
 if TYPE_CHECKING:
     from homolog.comparison.plan import Plan
@@ -36,44 +46,29 @@ class PlanDialog(QDialog):
         save: Callable[["Plan"], object],
     ) -> None:
         super().__init__(parent)
-        self.setWindowTitle("Plan a study")
-        self.setMinimumWidth(640)
+        having(self, windowTitle="Plan a study", minimumWidth=640)
         self._compute, self._keep = compute, save
         self.plan: Plan | None = None
-        self.effect, self.width_mm, self.particle = QLineEdit(), QLineEdit(), QLineEdit()
+        self.effect = QLineEdit()
+        self.width_mm = QLineEdit(placeholderText="4 spacings of the particles")
+        self.particle = QLineEdit(placeholderText="a place of median variation")
         self.numbers = QLineEdit("8 12 20 30 50 80")
-        self.width_mm.setPlaceholderText("4 spacings of the particles")
-        self.particle.setPlaceholderText("a place of median variation")
-        rows = (
-            ("Effect (mm)", self.effect),
-            ("Width (mm)", self.width_mm),
-            ("Particle", self.particle),
-            ("Subjects per group", self.numbers),
-        )
-        for text, field in rows:
+        fields = {"Effect (mm)": self.effect, "Width (mm)": self.width_mm, "Particle": self.particle}
+        rows = {**fields, "Subjects per group": self.numbers}
+        for text, field in rows.items():
             field.setAccessibleName(text)
-        self.problem = label("", "Problem", wrap=True)
-        self.answer = label("")
+        self.problem, self.summary = label("", "Problem", wrap=True), label("", wrap=True)
+        self.answer = having(prose(), wordWrap=False)
         self.answer.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
-        self.answer.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.summary = label("", wrap=True)
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close, parent=self)
-        self.go, self.save = button("Plan"), button("Save…")
-        self.go.setDefault(True)
-        set_primary(self.go, primary=True)
+        self.go = button("Plan", "primary", self._start, default=True)
+        self.save = button("Save…", does=self._save)
         buttons.addButton(self.go, QDialogButtonBox.ButtonRole.ApplyRole)
         buttons.addButton(self.save, QDialogButtonBox.ButtonRole.ActionRole)
         buttons.rejected.connect(self.reject)
-        self.go.clicked.connect(self._start)
-        self.save.clicked.connect(self._save)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
-        layout.setSpacing(2 * GRID)
         hint = "A smooth bump in one of two groups, inward if negative. This project is the pilot."
-        layout.addWidget(label(hint, "Hint", wrap=True))
-        layout.addLayout(named_rows(rows))
-        for widget in (self.problem, self.summary, self.answer, buttons):
-            layout.addWidget(widget)
+        parts = (label(hint, "Hint", wrap=True), named_rows(rows.items()), self.problem, self.summary)
+        column(*parts, self.answer, buttons, on=self, edges=DIALOG_EDGES, gap=2 * GRID)
         self.show_plan(None)
 
     def show_plan(self, plan: "Plan | None") -> None:
@@ -89,23 +84,21 @@ class PlanDialog(QDialog):
         self.answer.setText("\n".join(lines[end + 1 :]))
         self.answer.setMinimumWidth(self.answer.sizeHint().width())
         self.problem.hide()
-        for widget in (self.summary, self.answer, self.save):
-            widget.setVisible(plan is not None)
+        show_all(plan is not None, self.summary, self.answer, self.save)
         self.adjustSize()
 
     @Slot()
     def _start(self) -> None:
-        """Plan in the computing thread."""
+        width, particle = self.width_mm.text().strip(), self.particle.text().strip()
         try:
             given = {
                 "effect": parse_number(self.effect.text()),
-                "width": parse_number(self.width_mm.text()) if self.width_mm.text().strip() else None,
-                "particle": int(self.particle.text()) if self.particle.text().strip() else None,
+                "width": parse_number(width) if width else None,
+                "particle": int(particle) if particle else None,
                 "per_group": tuple(map(int, self.numbers.text().replace(",", " ").split())),
             }
         except ValueError:
-            self.problem.setText("Enter the effect and its width in mm, and whole numbers of subjects.")
-            self.problem.show()
+            say(self.problem, "Enter the effect and its width in mm, and whole numbers of subjects.")
             return
         self.problem.hide()
         self._compute(given)

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QRectF
 from PySide6.QtGui import QImage, QPageSize, QPainter
-from PySide6.QtWidgets import QHBoxLayout, QWidget
+from PySide6.QtWidgets import QWidget
 
 from homolog.arrays import Array
 from homolog.errors import InputError
 from homolog.progress import Tick
 from homolog_app.window.actions import Actions
-from homolog_app.window.widgets import GRID, ActionButton
+from homolog_app.window.widgets import ActionButton, held
 
 if TYPE_CHECKING:
     from PySide6.QtPrintSupport import QPrinter
@@ -26,14 +26,9 @@ _DPI = 300.0
 
 
 def report_buttons(actions: Actions) -> QWidget:
-    """Return the buttons that save and print a patient's report."""
-    row = QWidget()
-    layout = QHBoxLayout(row)
-    layout.setContentsMargins(0, 0, 0, 0)
-    layout.setSpacing(GRID)
-    for text, name in (("Save report…", "patient.save"), ("Print…", "file.print")):
-        layout.addWidget(ActionButton(text, actions[name]))
-    return row
+    """Return *Save report…* and *Print…* in a row."""
+    texts = {"Save report…": "patient.save", "Print…": "file.print"}
+    return held([ActionButton(text, actions[name]) for text, name in texts.items()])
 
 
 def drawn_report(

@@ -2,12 +2,11 @@
 
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QVBoxLayout, QWidget
+from PySide6.QtWidgets import QWidget
 
 from homolog_app.window.dialogs import ask
 from homolog_app.window.session import Session
-from homolog_app.window.widgets import GRID, label
+from homolog_app.window.widgets import GRID, column, prose
 
 if TYPE_CHECKING:
     from homolog.inspection.verdict import Verdict
@@ -23,11 +22,8 @@ class VerdictBar(QWidget):
     def __init__(self, session: Session) -> None:
         super().__init__()
         self._session = session
-        self.text = label("", "Problem", wrap=True)
-        self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(2 * GRID, GRID, 2 * GRID, 0)
-        layout.addWidget(self.text)
+        self.text = prose("Problem")
+        column(self.text, on=self, edges=(2 * GRID, GRID, 2 * GRID, 0))
         session.result_changed.connect(self._show)
         self._show()
 
