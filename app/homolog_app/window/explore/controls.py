@@ -3,7 +3,6 @@
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from PySide6.QtCore import (
     QAbstractTableModel,
@@ -26,7 +25,6 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.widgets import (
     GRID,
     ActionButton,
-    button,
     choice,
     clear_grid,
     grid,
@@ -38,10 +36,7 @@ from homolog_app.window.widgets import (
     tick,
 )
 
-if TYPE_CHECKING:
-    from homolog_app.window.explore.page import ModelCache
-
-__all__ = ["STEPS", "ColumnPicker", "CompareBox", "NumbersTable", "Pace", "Player", "SubjectTable"]
+__all__ = ["STEPS", "ColumnPicker", "NumbersTable", "Pace", "Player", "SubjectTable"]
 
 STEPS = 100
 """Steps of a slider per standard deviation."""
@@ -130,27 +125,6 @@ def _digits(values: Sequence[float]) -> int:
     """Return the decimals that give the largest value three digits."""
     most = max((abs(value) for value in values if not math.isnan(value)), default=0.0)
     return max(0, 2 - math.floor(math.log10(most))) if most > 0.0 else 0
-
-
-class CompareBox(QWidget):
-    """Shows the model that is compared with the open result, and buttons to choose or remove it."""
-
-    def __init__(self, actions: Actions, fitted: "ModelCache") -> None:
-        super().__init__()
-        self._fitted = fitted
-        self.choose = ActionButton("Compare with…", actions["explore.compare"])
-        self.leave = button("Stop comparing", "flat", does=fitted.compare_no_more)
-        self.hint = label("", "Hint", wrap=True)
-        row(self.choose, (self.hint, 1), self.leave, on=self)
-        fitted.changed.connect(self._show)
-        self._show()
-
-    def _show(self) -> None:
-        other = self._fitted.other
-        self.hint.setText(
-            f"Compared with: {other.title}" if other else "Another run or method, for comparison."
-        )
-        self.leave.setVisible(other is not None)
 
 
 _PERIOD_S = 4.0

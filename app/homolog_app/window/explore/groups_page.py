@@ -23,10 +23,10 @@ from homolog_app.studies.answers import (
 from homolog_app.studies.model_shape import largest_region, middle_of
 from homolog_app.studies.questions import number_rows, question_text
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.controls import CompareBox, NumbersTable, Player
+from homolog_app.window.explore.controls import NumbersTable, Player
 from homolog_app.window.explore.group_form import GroupForm
 from homolog_app.window.explore.group_results import GroupPlot, GroupResults, SeedAnswers, correction_sentence
-from homolog_app.window.explore.page import ExplorePage, ModelCache
+from homolog_app.window.explore.page import CompareBox, ExplorePage, ModelCache
 from homolog_app.window.explore.verdict_bar import may_use
 from homolog_app.window.session import PAGE_OF_JOB
 from homolog_app.window.widgets import (

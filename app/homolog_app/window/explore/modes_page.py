@@ -22,9 +22,9 @@ from homolog_app.rendering.text import short
 from homolog_app.scenes.shapes import mode_scene
 from homolog_app.scenes.states import REACH, ModesView
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.controls import STEPS, CompareBox, Player
+from homolog_app.window.explore.controls import STEPS, Player
 from homolog_app.window.explore.mode_plots import ModePlots
-from homolog_app.window.explore.page import ExplorePage, ModelCache
+from homolog_app.window.explore.page import CompareBox, ExplorePage, ModelCache
 from homolog_app.window.form import tab_before
 from homolog_app.window.widgets import (
     GRID,

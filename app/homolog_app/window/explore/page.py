@@ -27,6 +27,7 @@ from homolog_app.window.widgets import (
     label,
     link,
     prose,
+    row,
     say,
     show_all,
 )
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from homolog_app.window.explore.controls import Player
     from homolog_app.window.scene import Pick
 
-__all__ = ["ExplorePage", "ModelCache", "OverviewPage"]
+__all__ = ["CompareBox", "ExplorePage", "ModelCache", "OverviewPage"]
 
 _OF_MODEL = ("Modes", "Groups", "Measure")
 """Titles of the pages that show the model."""
@@ -172,6 +173,27 @@ class ModelCache(QObject):
         if early is not self._early:
             self._early = early
             self.changed.emit()
+
+
+class CompareBox(QWidget):
+    """Shows the model that is compared with the open result, and buttons to choose or remove it."""
+
+    def __init__(self, actions: Actions, fitted: ModelCache) -> None:
+        super().__init__()
+        self._fitted = fitted
+        self.choose = ActionButton("Compare with…", actions["explore.compare"])
+        self.leave = button("Stop comparing", "flat", does=fitted.compare_no_more)
+        self.hint = label("", "Hint", wrap=True)
+        row(self.choose, (self.hint, 1), self.leave, on=self)
+        fitted.changed.connect(self._show)
+        self._show()
+
+    def _show(self) -> None:
+        other = self._fitted.other
+        self.hint.setText(
+            f"Compared with: {other.title}" if other else "Another run or method, for comparison."
+        )
+        self.leave.setVisible(other is not None)
 
 
 class ExplorePage(Panel):
