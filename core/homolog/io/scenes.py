@@ -1,6 +1,7 @@
 """Surfaces in scene files, with transformed parts: glTF and 3MF."""
 
 import io
+import re
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,6 +22,9 @@ _MOST_BYTES = 100 * MOST
 _DEEPEST = 20
 """Largest depth of nested components."""
 
+_OF_LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_")
+"""Beginnings of glTF extensions that leave the shape alone."""
+
 _Part = tuple[FloatArray, IntArray]
 
 
@@ -40,12 +44,13 @@ def read_gltf(content: bytes, folder: Path | None = None) -> Polygons:
     Raises
     ------
     ValueError
-        If it contains compressed meshes (Draco) or no mesh. trimesh raises further errors on damaged files.
+        If it needs an extension of the format that changes coordinates (Draco, meshopt, quantized ones), or
+        contains no mesh. trimesh raises further errors on damaged files.
     """
     import trimesh
 
-    if b"KHR_draco_mesh_compression" in content or b"EXT_meshopt_compression" in content:
-        raise ValueError("compressed meshes (Draco, meshopt); export it without compression")
+    if needed := [name for name in _required(content) if not name.startswith(_OF_LOOKS)]:
+        raise ValueError(f"compressed ({', '.join(needed)}); export it without compression")
     is_binary = content.startswith(b"glTF")
     scene = trimesh.load_scene(
         io.BytesIO(content),
@@ -61,6 +66,12 @@ def read_gltf(content: bytes, folder: Path | None = None) -> Polygons:
     longest = float(np.nanmax(np.ptp(surface.points, axis=0)))
     scale = _METRE if longest <= _LONGEST else 1.0
     return Polygons(scale * surface.points, surface.faces)
+
+
+def _required(content: bytes) -> list[str]:
+    """Return the extensions of the format without which a glTF file can't be read."""
+    found = re.search(rb'"extensionsRequired"\s*:\s*\[([^\]]*)\]', content)
+    return re.findall(r'"([^"]*)"', found[1].decode(errors="replace")) if found else []
 
 
 def read_3mf(content: bytes) -> Polygons:

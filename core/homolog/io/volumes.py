@@ -201,6 +201,12 @@ class Volume:
         )
         return replace(self, named=named, notes=(*self.notes, note))
 
+    @property
+    def _has_names_of_its_own(self) -> bool:
+        """Whether file or table name the structures; a public list also names rims of interpolated ones."""
+        table = None if self.named else label_table(self.path, counted(self._labels(0)))
+        return bool(self.named) or (table is not None and not table.is_known_list)
+
     def segmentation(self, label: int | None, segment: str | None = None) -> Segmentation:
         """Return the voxels of a structure.
 
@@ -291,7 +297,7 @@ class Volume:
         if several and len(self.layers) == 1:
             mask, start = crop
             box = tuple(slice(low, low + size) for low, size in zip(start, mask.shape, strict=True))
-            if not self.with_names().named and are_interpolated(layer[box]):
+            if not self._has_names_of_its_own and are_interpolated(layer[box]):
                 raise InputError(
                     f"{self.path}: {_INTERPOLATED}, or it is a soft mask; {_NEAREST}, declare the "
                     "latter (values: probability), or name real layers in a table next to the file"

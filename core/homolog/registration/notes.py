@@ -12,7 +12,8 @@ __all__ = ["MIN_SUBJECTS", "OTHER_SIZE", "Findings", "notes_on"]
 OTHER_SIZE, _RARE_SIZE = 5.0, 2.2
 """Limits of size ratios: a size off by a factor such as ten, and one rare for one structure."""
 MIN_SUBJECTS = 3  # fewer subjects do not show which of them is unusual
-_TURNED, _FAR = 60.0, 40.0  # degrees: larger rotations get a note; those of files that lie otherwise
+_TURNED = 45.0
+"""Least rotation that gets a note [degrees]: half of the least turn between files of different axes."""
 _KEPT = (
     "these shapes are nearly round or symmetric, so the files' rotations were kept; if files are rotated "
     "against each other, rotate them to one orientation first"
@@ -43,7 +44,7 @@ class Findings:
     @property
     def differ(self) -> bool:
         """Whether at least half of the subjects were rotated far, so that the files' orientations differ."""
-        return bool(2 * np.count_nonzero(self.angles > _FAR) >= len(self.angles))
+        return bool(2 * np.count_nonzero(self.angles > _TURNED) >= len(self.angles))
 
     @property
     def symmetric(self) -> bool:
@@ -70,9 +71,9 @@ def _note(findings: Findings, index: int, ratio: float) -> str | None:
             f"does not look like the others: {distance:.0f} % of its size away from the most "
             f"typical subject, usually {usual:.0f} %; check that it shows the same structure"
         )
+    if findings.symmetric and angle <= _TURNED:  # a clear one, too: those that explain it may lie otherwise
+        return _KEPT
     if index in findings.unclear:
-        if findings.symmetric and angle <= _FAR:
-            return _KEPT
         return (
             f"its rotation is uncertain: after a further rotation by {findings.unclear[index]:.0f}° it fits "
             "the others about as well; check it, or give all files one orientation"

@@ -286,6 +286,14 @@ def test_labels_that_were_interpolated_are_never_taken_in_silence(save, order, f
     assert "nearest neighbour" in note
 
 
+def test_an_interpolated_map_of_a_public_list_is_refused_too(save):
+    blocks = np.array([2, 3, 4, 10, 11, 12, 13, 17, 41, 42, 49, 53])[np.arange(12).reshape(2, 2, 3)]
+    labels = np.pad(np.kron(blocks, np.ones((6, 6, 6), int)), 4)
+    read_segmentation(save(turned(labels, 0)), None)
+    with pytest.raises(InputError, match=r"interpolated.*nearest neighbour"):
+        read_segmentation(save(np.maximum(turned(labels, 1), 0)), None)
+
+
 def test_labels_turned_by_nearest_neighbour_are_taken_without_a_word(save):
     nested = np.where(np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 5.0, 3, 2) * BALL
     result = read_segmentation(save(turned(nested, 0)), 3)

@@ -36,8 +36,9 @@ def test_gltf_scenes_are_read_in_millimetres_or_metres(tmp_path, ball, kind, uni
     check(read_mesh(tmp_path / f"model.{kind}"), ball, [5.0, 0.0, 0.0])
 
 
-def test_a_compressed_gltf_scene_is_refused_with_the_remedy(tmp_path):
-    (tmp_path / "a.gltf").write_text('{"extensionsRequired": ["KHR_draco_mesh_compression"]}')
+@pytest.mark.parametrize("needed", ["KHR_draco_mesh_compression", "KHR_mesh_quantization"])
+def test_a_compressed_gltf_scene_is_refused_with_the_remedy(tmp_path, needed):
+    (tmp_path / "a.gltf").write_text(f'{{"extensionsRequired": ["KHR_materials_unlit", "{needed}"]}}')
     with pytest.raises(InputError, match="export it without compression"):
         read_mesh(tmp_path / "a.gltf")
 

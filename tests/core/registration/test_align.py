@@ -12,6 +12,7 @@ from homolog.progress import no_tick
 from homolog.registration import align
 from homolog.registration.align import register
 from homolog.registration.icp import Fit, OrientedPoints, candidates, oriented_points, registered
+from homolog.registration.notes import Findings, notes_on
 from homolog.registration.orientations import choose
 from homolog.registration.typicality import odd_ones
 from homolog.settings import Alignment, GroomSettings
@@ -355,6 +356,11 @@ def test_symmetric_bodies_keep_the_rotations_of_their_files_and_each_is_named(pa
     registration = register(cohort, GroomSettings())
     assert np.degrees(Rotation.from_matrix(registration.alignments[:, :3, :3]).magnitude()).max() < 15.0
     assert all("symmetric" in (note or "") for note in registration.notes)
+
+
+def test_where_half_of_the_shapes_are_symmetric_no_other_is_without_a_note():
+    angles, ones = np.array([0.0, 5.0, 44.0, 50.0, 90.0, 180.0]), np.ones(6)
+    assert all(notes_on(Findings(ones, ones, angles, odd=(), unclear={0: 180.0, 1: 180.0, 4: 90.0})))
 
 
 def test_a_surface_of_few_points_can_be_bent():
