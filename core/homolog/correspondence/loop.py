@@ -222,9 +222,12 @@ class OptimizationLoop:
         if after > CLEARLY_LOWER * before:
             self.poses, self.engine, self.log.tangential_weight = turned, engine, TANGENTIAL_WEIGHT
 
-    def _register(self, registration: InitialRegistration, tangential_weight: float, progress: Tick) -> None:
-        """Place particles by registration, and align the shapes by them."""
-        points = registration.particles(self.poses, progress)
+    def _register(self, registration: InitialRegistration, tangential_weight: float, tick: Tick) -> None:
+        """Place particles by registration, and align the shapes by them.
+
+        Only once: particles that slide turn the poses, and registered again in these they slide further.
+        """
+        points = registration.particles(self.poses, tick)
         self._set_particles(points.shape[1], points)
         for _ in range(ALIGNING_STEPS):
             self.align(tangential_weight)
