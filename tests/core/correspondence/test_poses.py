@@ -103,7 +103,7 @@ def test_disturbed_alignments_give_the_model_of_undisturbed_ones(ellipsoid_shape
     plain = optimize(disturbed, SETTINGS)
     assert spread_of(plain.world) > 5.0 * spread_of(expected.world)
     assert spread_of(result.world) == pytest.approx(spread_of(expected.world), rel=0.1)
-    assert result.energies[-1, 1:].sum() == pytest.approx(expected.energies[-1, 1:].sum(), abs=0.01)
+    assert result.energies[-1, 1:].sum() < expected.energies[-1, 1:].sum() + 0.01
     np.testing.assert_allclose(transform_points(result.alignments, result.local), result.world, atol=1e-9)
     turns = result.alignments[:, :3, :3]
     np.testing.assert_allclose(turns @ turns.transpose(0, 2, 1), np.tile(np.eye(3), (5, 1, 1)), atol=1e-9)
