@@ -16,7 +16,7 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from functools import partial
 from itertools import islice
 from typing import Any, Self, TypeVar
@@ -25,6 +25,7 @@ from homolog import __version__
 from homolog.errors import InputError, NumericalError, WorkerDiedError
 from homolog.progress import Tick, no_tick, part_of
 from homolog.slurm import slurm_jobs
+from homolog.threads import cores
 from homolog.workers import worker_processes
 
 _J = TypeVar("_J")
@@ -35,6 +36,7 @@ __all__ = [
     "SLURM",
     "SubjectWorkers",
     "each_in_workers",
+    "each_read",
     "retried_on_workers",
     "serve_as_worker",
     "subject_executor",
@@ -190,6 +192,45 @@ def each_in_workers(
         if not isinstance(executor, ProcessPoolExecutor):
             for future in names:
                 future.cancel()
+
+
+def each_read(
+    function: Callable[[_J], _T],
+    jobs: Mapping[str, _J],
+    doing: str,
+    tick: Tick,
+    executor: Executor | None = None,
+) -> Iterator[tuple[str, Future[_T]]]:
+    """Call a function of each job in workers as `each_in_workers`; jobs that end their process are found.
+
+    Parameters
+    ----------
+    function, jobs, doing, tick
+        See `each_in_workers`.
+    executor : Executor, optional
+        By default, processes of this machine.
+
+    Yields
+    ------
+    tuple of str and Future
+        Subject and ended future, with a `BrokenExecutor` if its own job ended the process.
+    """
+    left = dict(jobs)
+    workers = nullcontext(executor) if executor else worker_processes(min(len(jobs), cores()))
+    with workers as used, suppress(BrokenExecutor):
+        for name, future in each_in_workers(used, function, jobs, doing, tick):
+            if isinstance(future.exception(), BrokenExecutor):
+                break
+            del left[name]
+            yield name, future
+    while left:
+        with worker_processes(1) as alone:
+            for name in tuple(left):
+                last = {name: left.pop(name)}
+                ((_, future),) = each_in_workers(alone, function, last, doing, part_of(tick, 1.0, 1.0))
+                yield name, future
+                if isinstance(future.exception(), BrokenExecutor):
+                    break
 
 
 class SubjectWorkers:

@@ -214,11 +214,10 @@ def add_labels(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 def run_labels(arguments: argparse.Namespace) -> int:
     """List the structures; return the exit code."""
     from homolog.io.structures import list_structures
-    from homolog.progress import run_in_background
 
     cohort = cohort_of(arguments)
     with show_progress(arguments.progress) as progress:
-        listed = run_in_background(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
+        listed = list_structures(cohort, progress.tick)
     if arguments.json:
         sys.stdout.write(json.dumps(_record(listed), indent=2) + "\n")
     else:
@@ -303,7 +302,6 @@ def add_batch(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the typ
 def run_batch(arguments: argparse.Namespace) -> int:
     """Run the batch; return the exit code."""
     from homolog.io.structures import chosen_structures, list_structures
-    from homolog.progress import run_in_background
     from homolog.run.batch import Batch, ItemState
     from homolog.run.events import FinishReason
     from homolog_app.cli import CANCELLED, OK, PROGRAM_ERROR
@@ -313,9 +311,7 @@ def run_batch(arguments: argparse.Namespace) -> int:
     settings = with_all_options(RunSettings(), arguments)
     cohort, values = cohort_of(arguments), settings.groom.values or Values.LABELS
     with show_progress(arguments.progress) as progress:
-        listed = run_in_background(
-            lambda tick: list_structures(cohort, tick, values), progress.tick, "reading"
-        )
+        listed = list_structures(cohort, progress.tick, values)
     for message in (*listed.problems.values(), *listed.unavailable):
         sys.stderr.write(f"homolog: skipped: {message}\n")
     if not listed.structures and not listed.empty:

@@ -144,17 +144,15 @@ def _check_structure(source: Path, pattern: str | None, cohort: Cohort, settings
         return
     from homolog.io.structures import structures_of_files
 
-    files = structures_of_files(cohort)
-    if structures := files.structures:
+    if structures := structures_of_files(cohort):
         more = f" and {len(structures) - _LISTED} more" if len(structures) > _LISTED else ""
         listed = ", ".join(f"{item.name} ({len(item.by_subject)})" for item in structures[:_LISTED])
-        empty = f"empty in all: {', '.join(files.empty)}; " if files.empty else ""
         name = quote(str(source)) + (f" --pattern {quote(pattern)}" if pattern else "")
         may_be_others = source.is_dir() and not pattern and len(structures) > len(cohort.subjects)
         others = as_options(proposals_text(source)) if may_be_others else ""
         raise InputError(
-            f"{source}: contains one file per structure: {listed}{more} (number of subjects); {empty}"
-            f"choose one: homolog run {name} --label {quote(structures[0].name)} …, several that are "
+            f"{source}: contains one file per structure: {listed}{more} (number of files); choose "
+            f"one: homolog run {name} --label {quote(structures[0].name)} …, several that are "
             f"modelled together: --structures {','.join(item.name for item in structures[:2])} …, or each by "
             f"itself: homolog batch {name} --labels all …{others}"
         )

@@ -142,8 +142,7 @@ class Correspondence(HasMeanShape):
     def verdict(self) -> Verdict:
         """How much of the model is reproducible, and what follows."""
         pairs = zip(self.meshes, self.alignments, strict=True)
-        placed = [mesh.placed(alignment) for mesh, alignment in pairs]
-        return judge(self.aligned, placed, alignments=self.alignments)
+        return judge(self.aligned, [mesh.placed(alignment) for mesh, alignment in pairs])
 
     @cached_property
     def _modelled(self) -> tuple[ShapeModel, MeanSurface]:

@@ -5,14 +5,14 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from homolog.arrays import Array
-from homolog.cluster import each_in_workers
+from homolog.cluster import each_in_workers, each_read
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError, NumericalError, WorkerDiedError
 from homolog.grooming.cache import (
@@ -36,6 +36,7 @@ from homolog.grooming.subject import (
 )
 from homolog.io.images import Segmentation
 from homolog.io.markups import read_markups
+from homolog.io.structures import ENDED
 from homolog.progress import Tick, no_tick, part_of
 from homolog.registration.align import of_other_units
 from homolog.settings import GroomSettings, Pieces
@@ -157,16 +158,13 @@ def check_cohort(
     wrong: dict[str, str] = {}
     most = _MOST_KEPT // max(len(cohort.subjects), 1) if readings is not None else 0
     jobs = {item.name: (item, settings, sources.get(item.name), most) for item in cohort.subjects}
-    for name, future in _each_read(executor, jobs, tick):
+    for name, future in each_read(_read, jobs, "checking", tick, executor):
         try:
             contents[name] = future.result()
         except InputError as error:
             wrong[name] = str(error)
         except BrokenExecutor:
-            wrong[name] = (
-                f"{jobs[name][0].path}: the process that read it ended: it is damaged, or memory is short; "
-                "export it again, or exclude it"
-            )
+            wrong[name] = f"{jobs[name][0].path}: {ENDED}"
     if readings is not None:
         readings |= {name: item.reading for name, item in contents.items() if name not in sources}
     problems = [Problem(name, message) for name, message in wrong.items()]
@@ -179,28 +177,6 @@ def check_cohort(
 
 
 _Check = tuple[Subject, GroomSettings, Source | None, int]
-
-
-def _each_read(
-    executor: Executor | None, jobs: Mapping[str, _Check], tick: Tick
-) -> Iterator[tuple[str, Future[_Content]]]:
-    """Yield subjects as they are read; if a worker dies, single processes find the file that ends them."""
-    left = dict(jobs)
-    workers = nullcontext(executor) if executor else worker_processes(min(len(jobs), cores()))
-    with workers as used, suppress(BrokenExecutor):
-        for name, future in each_in_workers(used, _read, jobs, "checking", tick):
-            if isinstance(future.exception(), BrokenExecutor):
-                break
-            del left[name]
-            yield name, future
-    while left:
-        with worker_processes(1) as alone:
-            for name in tuple(left):
-                last = {name: left.pop(name)}
-                ((_, future),) = each_in_workers(alone, _read, last, "checking", part_of(tick, 1.0, 1.0))
-                yield name, future
-                if isinstance(future.exception(), BrokenExecutor):
-                    break
 
 
 def _read(job: _Check) -> _Content:

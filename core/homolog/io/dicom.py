@@ -20,21 +20,21 @@ from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.cohort import dicom_files, dicom_segmentations, dicom_slices, is_dicom_seg
 from homolog.errors import InputError
 from homolog.io.bounded import read_bytes
-from homolog.io.volumes import Layers, Segment, StoredScan, Volume, check_size
-from homolog.progress import Tick, no_tick
+from homolog.io.volumes import Layers, Segment, Stored, Volume, check_size
+from homolog.progress import Tick
 
-__all__ = ["read_dicom", "read_dicom_scan"]
+__all__ = ["read_dicom", "read_series"]
 
 _SHOWN = 3
 
 
-def read_dicom(path: Path) -> Volume:
-    """Read a DICOM SEG or RTSTRUCT, a folder with one of them, or a folder with the slices of one series.
+def read_dicom(path: Path) -> Volume | None:
+    """Read a DICOM SEG or RTSTRUCT, or a folder with one of them; None for a folder with slices only.
 
     Raises
     ------
     InputError
-        If a package is missing, the file is neither, or the folder contains several series or lacks slices.
+        If a package is missing, the file is neither, or the folder contains several.
     """
     files = dicom_files(path) if path.is_dir() else [path]
     segmentations = dicom_segmentations(files)
@@ -53,20 +53,7 @@ def read_dicom(path: Path) -> Volume:
             f"{path}: contains segmentations ({listed}) among {len(files)} DICOM files; enter one of them in "
             "the column path of a table, or keep each segmentation in a folder of its own"
         )
-    return read_series(path, files)
-
-
-def read_dicom_scan(path: Path, tick: Tick) -> StoredScan:
-    """Read a folder with the slices of one series of grey values; see `homolog.io.scans.Scan`.
-
-    Raises
-    ------
-    InputError
-        If the path is a single file, or the folder contains no or several series or lacks slices.
-    """
-    if not path.is_dir():
-        raise InputError(f"{path}: is one DICOM file; give the folder of the scan's slices")
-    return *series_voxels(path, dicom_slices(path), tick), ()
+    return None
 
 
 @contextmanager
@@ -158,40 +145,17 @@ class _Slice:
         return float(np.cross(self.axes[0], self.axes[1]) @ self.place)
 
 
-def read_series(folder: Path, files: Sequence[Path]) -> Volume:
-    """Read the slices of one series, ordered by position.
+def read_series(folder: Path, tick: Tick) -> Stored:
+    """Read the slices of one series, ordered by position, into one array of the files' type.
+
+    Their values are scaled if their slopes and intercepts differ.
 
     Raises
     ------
     InputError
         If there are none or several series, slices are missing, not parallel, of several sizes or damaged.
     """
-    values, matrix, slope, intercept = series_voxels(folder, files, no_tick)
-    if (slope, intercept) != (1.0, 0.0):
-        values = values * slope + intercept
-    return Volume(folder, [values], matrix)
-
-
-def series_voxels(folder: Path, files: Sequence[Path], tick: Tick) -> tuple[Array, FloatArray, float, float]:
-    """Read the slices of one series into one array, (I, J, K), of the files' type.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of the files.
-    files : sequence of Path
-        The slices, in any order.
-    tick : Tick
-        Progress and cancellation.
-
-    Returns
-    -------
-    values : array
-        As stored if all slices have the same slope and intercept, else scaled float64.
-    index_to_world : (4, 4) array
-    slope, intercept : float
-        Grey value = slope * value + intercept.
-    """
+    files = dicom_slices(folder)
     slices = []
     for number, path in enumerate(files):
         tick(0.3 * number / len(files), f"reading {folder.name}")
@@ -217,7 +181,7 @@ def series_voxels(folder: Path, files: Sequence[Path], tick: Tick) -> tuple[Arra
         values[..., number] = pixels * item.scale[0] + item.scale[1] if scales else pixels
     matrix = np.eye(4)
     matrix[:3, :2], matrix[:3, 2], matrix[:3, 3] = slices[0].axes.T, step, slices[0].place
-    return values, matrix, slope, intercept
+    return Stored(values, matrix, slope, intercept)
 
 
 def _header(path: Path) -> _Slice:

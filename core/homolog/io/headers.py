@@ -16,12 +16,13 @@ import numpy as np
 from homolog.errors import InputError
 from homolog.io.volumes import Segment
 
-__all__ = ["Header", "read_header", "segments_of"]
+__all__ = ["Header", "check_gipl", "read_header", "segments_of"]
 
 _LONGEST = 2**20
 """Longest text header in bytes; longer ones are refused."""
 _MOST_FILES = 100_000
 _ZLIB_OR_GZIP = 47
+_GIPL_HEADER = 256  # bytes
 _MILLIMETRES = ("", "mm", "millimeter", "millimeters", "millimetre", "millimetres")
 _NO_SIZE = "its header gives no voxel size; 1 mm was assumed"
 _RESCUE = "correct its header or export it again"
@@ -207,6 +208,18 @@ def _unpacked_size(place: Path, begin: int, most: int) -> tuple[int, bool]:
         except zlib.error:
             return -1, False
     return size, unpacker.eof
+
+
+def check_gipl(path: Path, needed: int) -> None:
+    """Refuse a GIPL file with more or fewer bytes of voxels than its header declares."""
+    packed = path.name.lower().endswith(".gz")
+    needed += _GIPL_HEADER
+    there = _unpacked_size(path, 0, needed)[0] if packed else os.path.getsize(path)
+    if there != needed:
+        raise InputError(
+            f"{path}: is cut short, or contains more voxels than its header declares ({there} of {needed} "
+            "bytes); copy or export it again"
+        )
 
 
 def read_header(path: Path) -> Header:

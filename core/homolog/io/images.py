@@ -2,7 +2,9 @@
 
 import math
 import os
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +13,11 @@ import numpy as np
 from homolog.arrays import FloatArray
 from homolog.cohort import IMAGE_SUFFIXES, dicom_files, pictures_in, suffix_of
 from homolog.errors import InputError
-from homolog.io.headers import read_header, segments_of
+from homolog.io.headers import check_gipl, read_header, segments_of
 from homolog.io.particles import PARTICLE_SUFFIXES
 from homolog.io.values import labels_of_channels
-from homolog.io.volumes import Segment, Segmentation, StoredScan, Volume, check_size
-from homolog.progress import Tick, run_in_background
+from homolog.io.volumes import Segment, Segmentation, Stored, Volume, check_size
+from homolog.progress import Tick, no_tick, run_in_background
 from homolog.settings import Values
 
 __all__ = [
@@ -23,12 +25,14 @@ __all__ = [
     "Segmentation",
     "Volume",
     "check_kind",
-    "read_itk_scan",
     "read_segmentation",
+    "read_stored",
     "read_volume",
 ]
 
 _NRRD = (".nrrd", ".nhdr")
+_GIPL = (".gipl", ".gipl.gz")
+_NO_DIRECTION = "GIPL stores no orientation; LPS axes were assumed"
 _NO_FRAME = "its header gives no patient orientation (no LPS or RAS space); LPS axes were assumed"
 
 
@@ -65,32 +69,41 @@ def read_volume(path: Path, values: Values = Values.LABELS) -> Volume:
 
 def _read(path: Path) -> Volume:
     path = Path(path)
-    name = check_kind(path)
-    if name.endswith((".tif", ".tiff")) or (path.is_dir() and pictures_in(path) and not dicom_files(path)):
-        from homolog.io.pictures import read_pictures
-
-        return read_pictures(path)
-    if path.is_dir() or name.endswith(".dcm"):
+    if check_kind(path).endswith(".dcm") or (path.is_dir() and dicom_files(path)):
         from homolog.io.dicom import read_dicom
 
-        return read_dicom(path)
-    if name.endswith((".nii", ".nii.gz")):
-        from homolog.io.nifti import read_nifti
+        if (segments := read_dicom(path)) is not None:
+            return segments
+    stored = read_stored(path, no_tick)
+    values, notes = stored.values, stored.notes
+    if (stored.slope, stored.intercept) != (1.0, 0.0):
+        check_size(path, values.shape[:3], 8.0 * values[:1, :1, :1].size)
+        values = values * stored.slope + stored.intercept
+    values = values.astype(values.dtype.newbyteorder("="), copy=False)
+    if values.ndim == 3:
+        return Volume(path, [values], stored.index_to_world, stored.named, notes)
+    if stored.named:
+        layers = list(np.moveaxis(values, -1, 0))
+        return Volume(path, layers, stored.index_to_world, stored.named, notes)
+    labels, note = labels_of_channels(path, values)
+    return Volume(path, [labels], stored.index_to_world, (), (*notes, note))
 
-        return read_nifti(path)
-    if name.endswith((".mgz", ".mgh")):
-        from homolog.io.nifti import read_mgh
 
-        return read_mgh(path)
-    if name.endswith((".gipl", ".gipl.gz")):
-        from homolog.io.gipl import read_gipl
-
-        return read_gipl(path)
-    if name.endswith((".hdr", ".hdr.gz")):
-        from homolog.io.nifti import read_pair
-
-        return read_pair(path)
-    return _read_itk(path)
+def read_stored(path: Path, tick: Tick) -> Stored:
+    """Read a volume of labels or grey values, as stored; see `homolog.io.scans.Scan`."""
+    read: Callable[[Path, Tick], Stored]
+    name = check_kind(path)
+    if path.is_dir() and (dicom_files(path) or not pictures_in(path)):
+        from homolog.io.dicom import read_series as read
+    elif path.is_dir() or name.endswith((".tif", ".tiff")):
+        from homolog.io.pictures import read_pictures as read
+    elif name.endswith((".nii", ".nii.gz", ".mgz", ".mgh", ".hdr", ".hdr.gz")):
+        from homolog.io.nifti import read_nifti as read
+    elif name.endswith(".dcm"):
+        raise InputError(f"{path}: is one DICOM file; give the folder of the scan's slices")
+    else:
+        read = _read_itk
+    return read(path, tick)
 
 
 def check_kind(path: Path) -> str:
@@ -112,26 +125,12 @@ def check_kind(path: Path) -> str:
     return name
 
 
-def _read_itk(path: Path) -> Volume:
-    """Read a NRRD or MetaImage file of labels."""
-    import SimpleITK
-
-    image, matrix, named, notes = _itk_image(path)
-    values = np.moveaxis(SimpleITK.GetArrayFromImage(image), (2, 1, 0), (0, 1, 2))
-    count = image.GetNumberOfComponentsPerPixel()
-    if count > 1 and not named:
-        values, note = labels_of_channels(path, values)
-        return Volume(path, [values], matrix, named, (*notes, note))
-    layers = [values[..., layer] for layer in range(count)] if count > 1 else [values]
-    return Volume(path, layers, matrix, named, notes)
-
-
-def read_itk_scan(path: Path, tick: Tick) -> StoredScan:
-    """Read a NRRD or MetaImage file of grey values; see `homolog.io.scans.Scan`."""
-    image, matrix, _, notes = run_in_background(lambda _: _itk_image(path), tick, f"reading {path.name}")
-    if image.GetNumberOfComponentsPerPixel() > 1:
-        raise InputError(f"{path}: has several values per voxel; choose a scan of grey values")
-    return np.asarray(_Pixels(image)).T, matrix, 1.0, 0.0, notes
+def _read_itk(path: Path, tick: Tick) -> Stored:
+    """Read a NRRD, MetaImage or GIPL file through SimpleITK."""
+    image, matrix, named, notes = run_in_background(lambda _: _itk_image(path), tick, f"reading {path.name}")
+    values = np.asarray(_Pixels(image))
+    order = (2, 1, 0) if values.ndim == 3 else (2, 1, 0, 3)
+    return Stored(values.transpose(order), matrix, notes=notes, named=named)
 
 
 class _Pixels:
@@ -148,13 +147,16 @@ def _itk_image(path: Path) -> tuple[Any, FloatArray, tuple[Segment, ...], tuple[
     """Read a NRRD or MetaImage file: SimpleITK's image, its matrix to LPS, its segments, and notes."""
     import SimpleITK
 
-    text = read_header(path)
-    text.check()
+    is_gipl = path.name.lower().endswith(_GIPL)
+    text = None if is_gipl else read_header(path)
+    if text:
+        text.check()
     SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
     reader = SimpleITK.ImageFileReader()
     reader.SetFileName(os.fspath(path))
     is_nrrd = path.suffix.lower() in _NRRD
-    reader.SetImageIO("NrrdImageIO" if is_nrrd else "MetaImageIO")  # ITK knows suffixes in lower case only
+    kind = "GiplImageIO" if is_gipl else "NrrdImageIO" if is_nrrd else "MetaImageIO"
+    reader.SetImageIO(kind)  # ITK knows suffixes in lower case only
     try:
         reader.ReadImageInformation()
     except RuntimeError as error:
@@ -171,7 +173,7 @@ def _itk_image(path: Path) -> tuple[Any, FloatArray, tuple[Segment, ...], tuple[
     while len(size) > 3 and size[-1] == 1:  # a single point in time
         size.pop()
     check_size(path, size, voxel * count)
-    text.check_length(math.prod(size) * voxel * count)
+    (text.check_length if text else partial(check_gipl, path))(math.prod(size) * voxel * count)
     if len(size) < len(reader.GetSize()):
         reader.SetExtractSize([*size, *[0] * (len(reader.GetSize()) - len(size))])
     try:
@@ -181,10 +183,12 @@ def _itk_image(path: Path) -> tuple[Any, FloatArray, tuple[Segment, ...], tuple[
     matrix = np.eye(4)
     matrix[:3, :3] = np.reshape(image.GetDirection(), (3, 3)) * image.GetSpacing()
     matrix[:3, 3] = image.GetOrigin()
-    return image, matrix, named, (*_notes(path, header), *text.notes)
+    return image, matrix, named, (*_notes(path, header), *(text.notes if text else ()))
 
 
 def _notes(path: Path, header: dict[str, str]) -> tuple[str, ...]:
+    if path.name.lower().endswith(_GIPL):
+        return (_NO_DIRECTION,)
     is_nrrd = path.suffix.lower() in _NRRD
     return (_NO_FRAME,) if is_nrrd and header.get("NRRD_space") != "left-posterior-superior" else ()
 

@@ -10,10 +10,10 @@ from PIL import Image, ImageSequence
 from homolog.arrays import Array, FloatArray
 from homolog.cohort import pictures_in
 from homolog.errors import InputError
-from homolog.io.volumes import StoredScan, Volume, check_size
+from homolog.io.volumes import Stored, check_size
 from homolog.progress import Tick
 
-__all__ = ["read_picture_scan", "read_pictures"]
+__all__ = ["read_pictures"]
 
 _VOXEL_SIZE = "voxel_size.txt"
 _ABOVE = 3
@@ -28,7 +28,7 @@ _OME = re.compile(r'PhysicalSize([XYZ])(Unit)?\s*=\s*"([^"]*)"')
 _IMAGEJ = re.compile(r"^(unit|spacing)=(\S+)", re.MULTILINE)
 
 
-def read_pictures(path: Path) -> Volume:
+def read_pictures(path: Path, tick: Tick) -> Stored:
     """Read the slices in a folder, or the pages of a TIFF file.
 
     The voxel size is that of ``voxel_size.txt`` in the slices' folder or a parent folder: the width and
@@ -40,25 +40,14 @@ def read_pictures(path: Path) -> Volume:
     InputError
         If the size is not given, slices are missing, of several sizes, in colours, or damaged.
     """
-    values, matrix = _stack(path)
-    return Volume(path, [values], matrix, (), (_NO_FRAME,))
-
-
-def read_picture_scan(path: Path, tick: Tick) -> StoredScan:
-    """Read the grey values of a TIFF file; see `homolog.io.scans.Scan`."""
-    tick(0.0, f"reading {path.name}")
-    return *_stack(path), 1.0, 0.0, (_NO_FRAME,)
-
-
-def _stack(path: Path) -> tuple[Array, FloatArray]:
-    """Return the values of a stack (I, J, K), and its matrix to LPS."""
     files = pictures_in(path) if path.is_dir() else [path]
     if len(files) > 1:
         _check_numbers(path, files)
     pages: list[Array] = []
     size: FloatArray | None = None
     colours: set[tuple[int, ...]] = set()
-    for file in files:
+    for number, file in enumerate(files):
+        tick(number / len(files), f"reading {path.name}")
         try:
             with Image.open(file) as picture:
                 count = len(files) * getattr(picture, "n_frames", 1)
@@ -80,7 +69,7 @@ def _stack(path: Path) -> tuple[Array, FloatArray]:
             f"{path}: pictures have no size; write a file {_VOXEL_SIZE} next to them or in the folder above, "
             "with the width and the height of a pixel and the distance of the slices in mm, such as 0.5 0.5 2"
         )
-    return np.stack(pages).transpose(), np.diag([*size, 1.0])
+    return Stored(np.stack(pages).transpose(), np.diag([*size, 1.0]), notes=(_NO_FRAME,))
 
 
 def _check_numbers(folder: Path, files: Sequence[Path]) -> None:

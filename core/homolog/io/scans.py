@@ -87,8 +87,8 @@ def read_scan(path: Path, tick: Tick = no_tick) -> Scan:
     Parameters
     ----------
     path : Path
-        NRRD, NIfTI, Analyze, MetaImage, MGH, GIPL, TIFF, or the folder of a DICOM series. Voxels of
-        uncompressed NIfTI, MGH and GIPL files stay on the disk (memory-mapped).
+        NRRD, NIfTI, Analyze, MetaImage, MGH, GIPL, TIFF, or the folder of a DICOM series or of pictures.
+        Voxels of uncompressed NIfTI, Analyze and MGH files stay on the disk (memory-mapped).
     tick : Tick
 
     Raises
@@ -97,25 +97,13 @@ def read_scan(path: Path, tick: Tick = no_tick) -> Scan:
         If the file is missing, cut short, not a volume of single numbers or larger than memory, or
         contradicts itself about its position.
     """
-    from homolog.io.images import check_kind
+    from homolog.io.images import read_stored
 
-    name = check_kind(path)
-    if path.is_dir() or name.endswith(".dcm"):
-        from homolog.io.dicom import read_dicom_scan as read
-    elif name.endswith((".nii", ".nii.gz")):
-        from homolog.io.nifti import read_nifti_scan as read
-    elif name.endswith((".mgz", ".mgh")):
-        from homolog.io.nifti import read_mgh_scan as read
-    elif name.endswith((".gipl", ".gipl.gz")):
-        from homolog.io.gipl import read_gipl_scan as read
-    elif name.endswith((".hdr", ".hdr.gz")):
-        from homolog.io.nifti import read_pair_scan as read
-    elif name.endswith((".tif", ".tiff")):
-        from homolog.io.pictures import read_picture_scan as read
-    else:
-        from homolog.io.images import read_itk_scan as read
     tick(0.0, f"reading {path.name}")
-    return Scan(path, *read(path, tick))
+    stored = read_stored(path, tick)
+    if stored.values.ndim > 3:
+        raise InputError(f"{path}: has several values per voxel; choose a scan of grey values")
+    return Scan(path, stored.values, stored.index_to_world, stored.slope, stored.intercept, stored.notes)
 
 
 def check_frame(scan: Scan, points: FloatArray, name: str) -> float:

@@ -1,17 +1,13 @@
 """Structures in a cohort's files: names, volumes, and numbers of subjects."""
 
-import gzip
-import io
 import math
-import struct
-import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
-from typing import BinaryIO
 
+from homolog.cluster import each_read
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
 from homolog.io.images import read_volume
@@ -26,7 +22,6 @@ __all__ = [
     "Structures",
     "SubjectStructure",
     "chosen_structures",
-    "empty_masks",
     "joined",
     "list_structures",
     "mask_of",
@@ -36,6 +31,7 @@ __all__ = [
 
 _LISTED = 12
 """Largest number of structures in a message."""
+ENDED = "the process that read it ended: it is damaged, or memory is short; export it again, or exclude it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,25 +157,19 @@ def mask_of(subject: Subject, label: int | None, segment: str | None) -> Path:
     return matches[0]
 
 
-def structures_of_files(cohort: Cohort) -> Structures:
+def structures_of_files(cohort: Cohort) -> list[Structure]:
     """Return the structures that have files of their own, by the files' names, the most frequent first.
 
-    A subject with an empty mask (`empty_masks`) does not have the structure; other files are not read. The
-    result is empty if every subject has only one file.
+    No file is read. The result is empty if every subject has only one file.
     """
     by_subject = {subject.name: subject.structures for subject in cohort.subjects if subject.structures}
     if all(len(masks) == 1 for masks in by_subject.values()):
-        return Structures((), {})
-    absent = {subject: empty_masks(masks.values()) for subject, masks in by_subject.items()}
+        return []
     unread = {
-        subject: [
-            SubjectStructure(name, None, 0.0) for name, path in masks.items() if path not in absent[subject]
-        ]
+        subject: [SubjectStructure(name, None, 0.0) for name in masks]
         for subject, masks in by_subject.items()
     }
-    structures = sorted(joined(unread), key=lambda structure: -len(structure.by_subject))
-    names = (name for masks in by_subject.values() for name in masks)
-    return Structures(tuple(structures), {}, _unknown(names, structures))
+    return sorted(joined(unread), key=lambda structure: -len(structure.by_subject))
 
 
 def _unknown(names: Iterable[str], structures: Sequence[Structure]) -> tuple[str, ...]:
@@ -199,11 +189,12 @@ def structures_of(subject: Subject, values: Values = Values.LABELS) -> list[Subj
     InputError
         If a file can't be read, or tables of names contradict each other.
     """
-    return _contents_of(subject, values)[0]
+    return _contents_of((subject, values))[0]
 
 
-def _contents_of(subject: Subject, values: Values) -> tuple[list[SubjectStructure], tuple[str, ...]]:
+def _contents_of(job: tuple[Subject, Values]) -> tuple[list[SubjectStructure], tuple[str, ...]]:
     """Return the structures in a subject's files, and messages about those that can't be read."""
+    subject, values = job
     if subject.is_mesh:
         return [], ()
     if subject.structures:
@@ -228,22 +219,25 @@ def _structure_in(name: str, path: Path, values: Values) -> SubjectStructure | N
 
 
 def list_structures(cohort: Cohort, tick: Tick = no_tick, values: Values = Values.LABELS) -> Structures:
-    """Read every file of a cohort and return its structures.
+    """Read every file of a cohort, in workers, and return its structures.
 
     Structures of equal name are identified, whatever their numbers; structures without a name are identified
     by number.
     """
     problems: dict[str, str] = {}
     unavailable: dict[str, list[str]] = {}
-    by_subject: dict[str, list[SubjectStructure]] = {}
-    for index, subject in enumerate(cohort.subjects):
-        tick(index / len(cohort.subjects), f"reading {subject.name}")
+    read: dict[str, list[SubjectStructure]] = {}
+    jobs = {subject.name: (subject, values) for subject in cohort.subjects}
+    for name, future in each_read(_contents_of, jobs, "reading", tick):
         try:
-            by_subject[subject.name], faults = _contents_of(subject, values)
+            read[name], faults = future.result()
             for fault in faults:
                 unavailable.setdefault(fault.partition(": ")[2], []).append(fault)
         except InputError as error:
-            problems[subject.name] = str(error)
+            problems[name] = str(error)
+        except BrokenExecutor:
+            problems[name] = f"{jobs[name][0].path}: {ENDED}"
+    by_subject = {name: read[name] for name in jobs if name in read}
     structures = joined(_named_alike(by_subject))
     names = (name for subject in cohort.subjects if subject.name in by_subject for name in subject.structures)
     return Structures(structures, problems, _unknown(names, structures), _each_once(unavailable.values()))
@@ -343,72 +337,3 @@ def chosen_structures(
     if wrong:
         raise InputError("\n".join(wrong))
     return list(dict.fromkeys(chosen))
-
-
-_GZIP, _TRAILER = b"\x1f\x8b", 8
-_HEADER, _PART = 540, 2**22  # bytes
-_MOST_PARTS = 2**10  # of a file; packed zeros may be endless
-_FAULTS = (OSError, EOFError, OverflowError, zlib.error, struct.error, ValueError)
-
-
-def empty_masks(paths: Iterable[Path]) -> set[Path]:
-    """Return which of one subject's NIfTI files contain zeros only; one that can't be read is not among them.
-
-    Nothing packs better than zeros: of packed files as long as each other, the smallest are unpacked, up to
-    the first with a voxel. Where headers are equal, the checksum at the end tells others that are empty, too.
-    """
-    empty: set[Path] = set()
-    packed: dict[bytes, list[tuple[int, bytes, Path]]] = {}
-    for path in paths:
-        if path.name.lower().endswith((".nii", ".nii.gz")):
-            with suppress(*_FAULTS), path.open("rb") as file:
-                if file.read(len(_GZIP)) == _GZIP:
-                    file.seek(-_TRAILER, io.SEEK_END)
-                    end = file.read()
-                    packed.setdefault(end[4:], []).append((file.tell(), end, path))
-                    continue
-                file.seek(0)
-                if _holds_zeros(file):
-                    empty.add(path)
-    for files in packed.values():
-        empty |= _smallest(sorted(files))
-    return empty
-
-
-def _smallest(files: list[tuple[int, bytes, Path]]) -> set[Path]:
-    """Return the packed files that hold zeros, of files as long as each other: sizes, ends, and paths."""
-    empty: set[Path] = set()
-    known: set[bytes] = set()
-    for _, end, path in files:
-        if end not in known:
-            try:
-                with gzip.open(path) as stream:
-                    if not _holds_zeros(stream):
-                        break
-            except _FAULTS:
-                continue
-            known.add(end)
-        empty.add(path)
-    return empty
-
-
-def _holds_zeros(stream: BinaryIO | gzip.GzipFile) -> bool:
-    """Return whether all voxels of a NIfTI 1 or 2 file are zero, as far as the first that is not."""
-    header = stream.read(_HEADER)
-    order = next((item for item in "<>" if struct.unpack(f"{item}i", header[:4])[0] in (348, _HEADER)), None)
-    if order is None:
-        return False
-    if struct.unpack(f"{order}i", header[:4])[0] == _HEADER:
-        begin, offset = struct.unpack(f"{order}q", header[168:176])[0], header[184:192]
-    else:
-        begin, offset = int(struct.unpack(f"{order}f", header[108:112])[0]), header[116:120]
-    if any(offset):  # added to every value
-        return False
-    stream.seek(max(begin, 0))
-    for index in range(_MOST_PARTS):
-        part = stream.read(_PART)
-        if not part:
-            return index > 0
-        if part.count(0) < len(part):
-            return False
-    return False

@@ -28,15 +28,12 @@ __all__ = [
     "Layers",
     "Segment",
     "Segmentation",
-    "StoredScan",
+    "Stored",
     "Volume",
     "check_size",
     "joined_names",
     "union_of",
 ]
-
-StoredScan = tuple[Array, FloatArray, float, float, tuple[str, ...]]
-"""A file of grey values: as stored (I, J, K), matrix from indices to LPS [mm], slope, intercept, notes."""
 
 _MASKS = 2
 """Additional bytes per voxel while the structure is extracted."""
@@ -100,6 +97,32 @@ class Segment:
     def title(self) -> str:
         """Name in messages."""
         return f"{self.name} ({self.value})" if self.name else str(self.value)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stored:
+    """The voxels of a file as stored.
+
+    Attributes
+    ----------
+    values : (I, J, K) or (I, J, K, C) array
+        Of the file's type, and mapped from the file where its format allows.
+    index_to_world : (4, 4) float64 array
+        From voxel indices to LPS [mm].
+    slope, intercept : float
+        Value = slope * stored value + intercept.
+    notes : tuple of str
+        Notes for the user.
+    named : tuple of Segment
+        The structures that the file names.
+    """
+
+    values: Array
+    index_to_world: FloatArray
+    slope: float = 1.0
+    intercept: float = 0.0
+    notes: tuple[str, ...] = ()
+    named: tuple[Segment, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -360,10 +383,6 @@ class Volume:
     @property
     def _is_numbered(self) -> bool:
         return len(self.named) < 2 or len({item.value for item in self.named}) > 1
-
-    @property
-    def _spacing(self) -> FloatArray:
-        return np.asarray(np.linalg.norm(self.index_to_world[:3, :3], axis=0))
 
     def _placed(self, mask: BoolArray, start: Sequence[int], name: str = "") -> Segmentation:
         """Return a mask that begins at a voxel of the file with its position, on right-handed axes."""

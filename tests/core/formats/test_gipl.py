@@ -62,11 +62,10 @@ def test_a_file_cut_short_is_refused(gipl, name, kept):
 @pytest.mark.parametrize(
     ("place", "code", "value", "complaint"),
     [
-        (252, ">I", 5, "not a GIPL image"),
-        (8, ">H", 144, "not a GIPL image of single numbers"),
+        (8, ">H", 144, "not a readable image"),
         (0, ">H", 60000, "cut short"),
-        (10, ">f", 0.0, "without a size"),
-        (204, ">d", float("nan"), "without a size or position"),
+        (10, ">f", 0.0, "spacing"),
+        (204, ">d", float("nan"), "origin"),
         (4, ">H", 1, "not a 3-D volume"),
     ],
 )
@@ -76,4 +75,4 @@ def test_wrong_headers_are_refused(gipl, place, code, value, complaint):
     struct.pack_into(code, content, place, value)
     path.write_bytes(content)
     with pytest.raises(InputError, match=complaint):
-        read_volume(path)
+        read_segmentation(path, None)

@@ -18,7 +18,6 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.distance import cdist
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.correspondence.initialization.device_registration import mean_distances
 from homolog.correspondence.initialization.spreading import spread_vertices
 from homolog.geometry import farthest_point_sampling, inverse_matrices, transform_points
 from homolog.progress import Tick, no_tick, part_of, run_in_background, run_in_threads
@@ -253,8 +252,6 @@ class InitialRegistration:
         registrations of the others start from the thin-plate map between them.
     tick : Tick
         Progress and cancellation.
-    device : str
-        Warp device, on which closest points are found.
     """
 
     def __init__(
@@ -264,10 +261,9 @@ class InitialRegistration:
         seed: int = 0,
         landmarks: FloatArray | None = None,
         tick: Tick = no_tick,
-        device: str = "cpu",
     ) -> None:
         self._meshes, self._landmarks = meshes, _landmark_vertices(meshes, landmarks)
-        self._reference, self._parents = registration_tree(*shape_distances(meshes, tick, device))
+        self._reference, self._parents = registration_tree(*shape_distances(meshes, tick))
         source = meshes[self._reference]
         begin = self._landmarks[self._reference]
         if not len(begin):
@@ -369,18 +365,13 @@ def _guess_of_landmarks(
     return maps.apply(targets, LAST_SMOOTHING)
 
 
-def shape_distances(
-    meshes: Sequence[TriangleMesh], tick: Tick = no_tick, device: str = "cpu"
-) -> tuple[IntArray, FloatArray]:
+def shape_distances(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> tuple[IntArray, FloatArray]:
     """Return at most 40 shapes (K,) and their mean distances to all shapes, both ways, shape (K, M).
 
     Of more than 200 shapes fewer are candidates for the reference, as comparing takes K M.
     """
     count = min(N_CANDIDATES, max(FEWEST_CANDIDATES, MAX_COMPARED // len(meshes)))
     candidates = np.arange(0, len(meshes), max(1, len(meshes) // count))
-    if device != "cpu":
-        tick(0.0, "most typical shape")
-        return candidates, mean_distances(meshes, candidates, N_SAMPLES, device)
     vertices = [NearestPoints.of(mesh) for mesh in meshes]
     points = []
 
