@@ -10,7 +10,7 @@ Landmarks of experts are carried between all pairs of subjects by thin plates th
 particles, and put on the nearest point of the surface. Where all meshes of a cohort have the same faces, a
 particle's true place on another subject is the same point of the same face. *Nearest
 points* are those with agreeing normals, in the poses and at the size in which the program compares the
-shapes; *start* is what registration gives.
+shapes; *start* is what registration gives, and *expected* the error that the model's verdict names.
 Errors are means over all pairs [mm], *span* those of the seeds. One line of JSON a run is added to --rows.
 """
 
@@ -34,6 +34,7 @@ from homolog.correspondence import Shape, optimize
 from homolog.correspondence.surface_sets import normalize_size
 from homolog.device import choose_device
 from homolog.geometry import inverse_matrices, transform_points
+from homolog.inspection.verdict import judge
 from homolog.samples.evaluate import place_errors, places_on
 from homolog.settings import OptimizeSettings, RunSettings
 from homolog.surfaces.closest import closest_points
@@ -224,6 +225,8 @@ def measured(name, shapes, truth, settings, device):
         errors = [carried_errors(local, truth, snaps) for local in (start, result.local)]
     else:
         errors = [dense_errors(local, truth) for local in (start, result.local)]
+    placed = [shape.mesh.placed(pose) for shape, pose in zip(shapes, result.alignments, strict=True)]
+    verdict = judge(result.world, placed, alignments=result.alignments)
     return {
         "cohort": name,
         "particles": settings.particles,
@@ -231,13 +234,15 @@ def measured(name, shapes, truth, settings, device):
         "nearest": nearest_error(shapes, result.alignments, truth, result.local),
         "start": errors[0],
         "result": errors[1],
+        "expected": verdict.landmark,
+        "verdict": verdict.word.value,
         "iterations": result.iterations,
         "reason": result.reason.value,
     }
 
 
 def table(rows):
-    """Print a row for each cohort: nearest points; start, result and span by the number of particles."""
+    """Print a row for each cohort: nearest points; start, result, span and expected error by the number."""
     counts = sorted({row["particles"] for row in rows})
     print(f"| cohort | nearest points | {' | '.join(map(str, counts))} |\n|---|---{'|---' * len(counts)}|")
     for name in dict.fromkeys(row["cohort"] for row in rows):
@@ -246,11 +251,13 @@ def table(rows):
         nearest = [row["nearest"] for row in own]
         cells = [f"{min(nearest):.{digits}f}-{max(nearest):.{digits}f}"]
         for count in counts:
-            start, result = (
-                [row[key] for row in own if row["particles"] == count] for key in ("start", "result")
+            start, result, expected = (
+                [row[key] for row in own if row["particles"] == count]
+                for key in ("start", "result", "expected")
             )
             cells.append(
-                f"{np.mean(start):.{digits}f} → {np.mean(result):.{digits}f} ({np.ptp(result):.{digits}f})"
+                f"{np.mean(start):.{digits}f} → {np.mean(result):.{digits}f} ({np.ptp(result):.{digits}f}), "
+                f"expected {np.mean(expected):.{digits}f}"
             )
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
 

@@ -142,7 +142,8 @@ class Correspondence(HasMeanShape):
     def verdict(self) -> Verdict:
         """How much of the model is reproducible, and what follows."""
         pairs = zip(self.meshes, self.alignments, strict=True)
-        return judge(self.aligned, [mesh.placed(alignment) for mesh, alignment in pairs])
+        placed = [mesh.placed(alignment) for mesh, alignment in pairs]
+        return judge(self.aligned, placed, alignments=self.alignments)
 
     @cached_property
     def _modelled(self) -> tuple[ShapeModel, MeanSurface]:

@@ -47,7 +47,7 @@ PLATEAU_RECORDS = 10  # records whose mean is compared with that of the same num
 LOST_DISTANCE = 2.5  # distance from the mesh [optimizer lengths] from which a particle has left the surface
 MAX_LOST_FRACTION = 0.3  # of a shape's particles; beyond it mesh and distance field disagree
 SPLIT_OFFSET = 0.25  # of the Parzen width
-INITIAL_ROUNDS, ALIGNING_ROUNDS = 4, 5  # alternations of initial particles and poses, where poses are free
+ALIGNING_STEPS = 5  # by the first particles, where poses are free
 MAX_POSE_REGULARIZATION = 0.1  # of H(Z) in the steps of the poses: few modes should explain the shapes
 DOUBTFUL_TURN = np.radians(15.0)  # away from the registered alignment, while particles are few
 CLEARLY_LOWER = 0.95  # of H(Z): when poses that were turned so far are given up
@@ -221,17 +221,18 @@ class OptimizationLoop:
         if after > CLEARLY_LOWER * before:
             self.poses, self.engine, self.log.tangential_weight = turned, engine, TANGENTIAL_WEIGHT
 
-    def _register(self, registration: InitialRegistration, tangential_weight: float, progress: Tick) -> None:
-        """Place particles by registration, and align the shapes by them."""
-        rounds = INITIAL_ROUNDS if self.aligns else 1
-        for number in range(rounds):
-            tick = part_of(progress, number / rounds, (number + 1) / rounds)
-            points = registration.particles(self.poses, tick)
-            self._set_particles(points.shape[1], points)
-            for _ in range(ALIGNING_ROUNDS):
-                self.align(tangential_weight)
-            if number == 0:  # a first model, long before the optimization has one
-                self.log.emit_frame(Stage.SPLITTING, self.engine, ends_stage=True)
+    def _register(self, registration: InitialRegistration, tangential_weight: float, tick: Tick) -> None:
+        """Place particles by registration, and align the shapes by them.
+
+        Only once: particles that slide turn the poses, and registered again in these they slide further.
+        """
+        points = registration.particles(self.poses, tick)
+        self._set_particles(points.shape[1], points)
+        for _ in range(ALIGNING_STEPS):
+            self.align(tangential_weight)
+        self.log.emit_frame(
+            Stage.SPLITTING, self.engine, ends_stage=True
+        )  # a first model, long before another
 
     def _stage_of(self, resume: Checkpoint) -> int:
         index = len(self.stages) - 1 - resume.left

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from homolog.arrays import ArrayLike, FloatArray, IntArray
+from homolog.correspondence.entropy.weight import independent_parts
 from homolog.errors import InputError
 from homolog.io.atomic import write_text
 from homolog.io.bounded import read_json
@@ -20,6 +21,7 @@ from homolog.io.project import ProjectFolder
 from homolog.io.results import read_surface
 from homolog.memory import OnDemand
 from homolog.progress import Tick, no_tick, part_of
+from homolog.registration.typicality import angles_from, typical_rotation
 from homolog.statistics.checks import checked_particles
 from homolog.statistics.evaluation import (
     description_length,
@@ -29,7 +31,9 @@ from homolog.statistics.evaluation import (
 )
 from homolog.surfaces.closest import distances_to, thickness
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.mirroring import MIRROR, mirrors
 from homolog.surfaces.nearest import nearest_particles
+from homolog.surfaces.orientation import FILES_SPREAD
 from homolog.surfaces.topology import check_surface
 
 __all__ = [
@@ -57,6 +61,8 @@ _NEIGHBOURS = 9
 """Particles from which a particle's displacement is predicted: thrice the three unknowns of a linear map."""
 _RING = 6
 """Mean number of neighbours of a particle on a surface (Euler)."""
+_ANY_TURN = float(np.pi**2 / 3.0)
+"""Variance of a uniform angle [rad²]."""
 _PERMUTATIONS = 399
 """With 399 permutations, chance exceeds them all once in 400 times."""
 _EVEN = 5.0 / (18.0 * np.sqrt(3.0))
@@ -96,9 +102,12 @@ class Verdict:
         and from the others' mean [mm].
     modes : int
         Number of modes above chance, by parallel analysis.
-    landmark : float
+    local_error : float
         Mean error of a particle carried from one subject to another by its neighbours [mm], as landmarks
         are. It does not tell if all particles of a region slide together. NaN with ten particles or fewer.
+    turning : float
+        Distance, root mean square, by which particles of two subjects are apart since their surfaces do not
+        tell how they are turned against each other [mm]; NaN without surfaces or with two subjects.
     exchanged : float
         That error if each particle were exchanged at random with its neighbours [mm].
     spacing : float
@@ -131,7 +140,8 @@ class Verdict:
     residual: float
     spread: float
     modes: int
-    landmark: float
+    local_error: float
+    turning: float
     exchanged: float
     spacing: float
     surface: float
@@ -143,6 +153,11 @@ class Verdict:
     description_length: float
     seeds: float = np.nan
     seeds_spacing: float = np.nan
+
+    @property
+    def landmark(self) -> float:
+        """Expected error of a landmark [mm], of particles among their neighbours and of turned subjects."""
+        return float(np.hypot(self.local_error, np.nan_to_num(self.turning)))
 
     @property
     def is_sound(self) -> bool:
@@ -180,7 +195,7 @@ class Verdict:
             )
         if np.isfinite(self.landmark):
             texts.append(
-                f"Landmark error at least {self.landmark:.2g} mm, particles {self.spacing:.2g} mm apart."
+                f"Landmark error about {self.landmark:.2g} mm, particles {self.spacing:.2g} mm apart."
             )
         if np.isfinite(self.seeds):
             texts.append(
@@ -199,8 +214,10 @@ class Verdict:
             ("left-out particles, residual of spread", _of(self.residual, self.spread)),
             ("left-out surface, residual of spread", _of(self.surface, self.surface_spread)),
             ("modes above chance", str(self.modes)),
-            ("landmark error, at least", _length(self.landmark)),
-            ("the same if neighbours were exchanged", _length(self.exchanged)),
+            ("landmark error, expected", _length(self.landmark)),
+            ("of it, of particles among neighbours", _length(self.local_error)),
+            ("if neighbours were exchanged", _length(self.exchanged)),
+            ("of it, of turned subjects", _length(self.turning)),
             ("distance of neighbouring particles", _length(self.spacing)),
             ("surface with walls below that", _percent(self.thin)),
             ("median thickness", _length(self.wall)),
@@ -214,6 +231,7 @@ def judge(
     particles: ArrayLike,
     surfaces: Sequence[TriangleMesh] | None = None,
     *,
+    alignments: FloatArray | None = None,
     again: "Agreement | None" = None,
     seed: int = 0,
     tick: Tick = no_tick,
@@ -223,10 +241,10 @@ def judge(
     Limits are those of chance. A model is not usable if particles are carried no better than after exchanging
     them at random with their neighbours, or if they agree neither with those of other subjects nor with their
     neighbours better than after permuting each among the subjects. It is doubtful if they don't agree with
-    other subjects, if more than half of the variation is not reproducible, if carried particles are off by
-    more than half the distance of their neighbours, so that the next one may be meant, or if the surface is
-    covered less evenly than by chance, or if particles that another seed placed differ by more than half
-    their distance.
+    other subjects, if more than half of the variation is not reproducible, or may come from turns that the
+    surfaces do not tell, if carried particles are off by more than half the distance of their neighbours, so
+    that the next one may be meant, or if the surface is covered less evenly than by chance, or if particles
+    that another seed placed differ by more than half their distance.
 
     Parameters
     ----------
@@ -234,6 +252,9 @@ def judge(
         Aligned positions of corresponding particles [mm].
     surfaces : sequence of M TriangleMesh, optional
         The subjects' surfaces in the same coordinates.
+    alignments : (M, 4, 4) array, optional
+        From the files' coordinates to these. By how much files are turned against each other limits how much
+        the subjects are; without them any turn may be.
     again : Agreement, optional
         With particles that another seed placed.
     seed : int
@@ -254,17 +275,19 @@ def judge(
         if surfaces is not None:
             of_all = surfaces
             surfaces = OnDemand(len(chosen), lambda index: of_all[int(chosen[index])])
+        alignments = None if alignments is None else alignments[chosen]
     tick(0.0, "judging the model")
     number = shapes.shape[1]
     some = np.sort(generator.choice(number, min(number, _LOOKED_AT), replace=False))
-    landmark, exchanged, spacing = _carried(shapes, some)
+    error, exchanged, spacing = _carried(shapes, some)
     tick(0.2, "judging the model")
     against = _against_chance(shapes[:, some], generator, part_of(tick, 0.2, 0.5))
     tick(0.5, "judging the model")
     modes = modes_above_chance(shapes) if len(shapes) > 2 else 0
     measured = _Measured()
     if surfaces is not None:
-        measured = _measure(shapes, surfaces, spacing, generator, part_of(tick, 0.6, 1.0))
+        prior = _ANY_TURN if alignments is None else _turns_of_files(alignments)
+        measured = _measure(shapes, surfaces, spacing, prior, generator, part_of(tick, 0.6, 1.0))
     precision = 0.01 * spacing
     verdict = Verdict(
         word=Word.SOUND,
@@ -272,7 +295,7 @@ def judge(
         remedy="",
         **dataclasses.asdict(against),
         modes=modes,
-        landmark=landmark,
+        local_error=error,
         exchanged=exchanged,
         spacing=spacing,
         **dataclasses.asdict(measured),
@@ -349,8 +372,10 @@ def read_verdict(project: ProjectFolder, world: FloatArray, tick: Tick = no_tick
         check_surface(mesh, subjects[index].name)
         return mesh.placed(np.array(subjects[index].alignment))
 
+    alignments = np.array([item.alignment for item in subjects]) if subjects else None
     try:
-        verdict = judge(world, OnDemand(len(subjects), surface) if subjects else None, tick=tick)
+        surfaces = OnDemand(len(subjects), surface) if subjects else None
+        verdict = judge(world, surfaces, alignments=alignments, tick=tick)
     except InputError:  # imported without surfaces, or one is damaged
         verdict = judge(world, tick=tick)
     if project.is_held:
@@ -393,7 +418,7 @@ def _stored(path: Path, digest: str) -> Verdict | None:
 
 def _word(numbers: Verdict, subjects: int, particles: int) -> tuple[Word, str, str]:
     """Return the word, its cause and its remedy."""
-    if numbers.landmark >= numbers.exchanged:
+    if numbers.local_error >= numbers.exchanged:
         return (
             Word.UNUSABLE,
             f"Corresponding particles are as far apart as if neighbours were exchanged at random "
@@ -407,10 +432,10 @@ def _word(numbers: Verdict, subjects: int, particles: int) -> tuple[Word, str, s
             "Particles vary as by chance: they agree neither with other subjects nor with their neighbours.",
             "Place them again, add subjects, or choose another structure: these differ by noise only.",
         )
-    if numbers.landmark > 0.5 * numbers.spacing:
+    if numbers.local_error > 0.5 * numbers.spacing:
         return (
             Word.DOUBTFUL,
-            "The error of a landmark exceeds half the distance of neighbouring particles: the next one may "
+            "The error of a particle exceeds half the distance of its neighbours: the next one may "
             f"be meant{_walls(numbers)}.",
             _remedy_of_noise(numbers, particles),
         )
@@ -433,6 +458,13 @@ def _word(numbers: Verdict, subjects: int, particles: int) -> tuple[Word, str, s
             if by_chance
             else "Less than half of the variation is reproducible.",
             f"Add subjects: each of these {subjects} still differs in its own way.",
+        )
+    if numbers.turning**2 > numbers.spread**2:  # the distance of two subjects has twice the variance of one
+        return (
+            Word.DOUBTFUL,
+            "The surfaces do not tell how the subjects are turned against each other: more than half of the "
+            "variation may come from that.",
+            "Give landmarks, or keep the files' rotations if these are right.",
         )
     if numbers.unevenness > 1.0:
         return (
@@ -553,6 +585,7 @@ def _local(shapes: FloatArray, near: IntArray) -> float:
 class _Measured:
     """Numbers of a verdict that need surfaces."""
 
+    turning: float = np.nan
     surface: float = np.nan
     surface_spread: float = np.nan
     unevenness: float = np.nan
@@ -564,6 +597,7 @@ def _measure(
     shapes: FloatArray,
     surfaces: Sequence[TriangleMesh],
     spacing: float,
+    prior: float,
     generator: np.random.Generator,
     tick: Tick,
 ) -> _Measured:
@@ -574,7 +608,8 @@ def _measure(
     middle = int(np.square(shapes - mean).sum(axis=(1, 2)).argmin())
     template = _Template.of(surfaces[middle], shapes[middle]) if particles > _NEIGHBOURS else None
     fits = left_out_shapes(shapes) if count > 2 else None
-    gaps, thin, walls, apart = [], [], [], []
+    parts = _parts(shapes)
+    gaps, thin, walls, apart, turns = [], [], [], [], []
     for place, index in enumerate(chosen):
         tick(place / len(chosen), "judging the model")
         mesh, own = surfaces[int(index)], shapes[index]
@@ -586,17 +621,61 @@ def _measure(
         depth, areas = thickness(mesh, every), mesh.face_areas[::every]
         thin.append(float(areas[depth < spacing].sum() / areas.sum()))
         walls.append(float(np.median(depth)))
+        if fits is not None:
+            turns.append(_turning(own, own - fits[index], _normals(mesh, own), parts, prior))
         if template is not None and fits is not None:
             without = (count * mean - own) / (count - 1)
             apart.append([template.distance(fits[index], mesh), template.distance(without, mesh)])
     squared = np.square(apart).mean(axis=0) if apart else np.full(2, np.nan)
     return _Measured(
+        turning=float(np.sqrt(2.0 * np.mean(turns))) if turns else np.nan,
         surface=float(np.sqrt(squared[0])),
         surface_spread=float(np.sqrt(squared[1])),
         unevenness=(float(np.mean(gaps)) - _EVEN) / (_SCATTERED - _EVEN),
         thin=float(np.mean(thin)),
         wall=float(np.median(walls)),
     )
+
+
+def _parts(shapes: FloatArray) -> float:
+    """Return how many parts of the surface vary independently."""
+    apart = (shapes - shapes.mean(axis=0)).reshape(len(shapes), -1)
+    return independent_parts(np.linalg.eigvalsh(apart @ apart.T), len(shapes))
+
+
+def _normals(mesh: TriangleMesh, particles: FloatArray) -> FloatArray:
+    """Return the normals of a surface at the vertices nearest to its particles, (N, 3)."""
+    normals: FloatArray = mesh.vertex_normals[KDTree(mesh.vertices).query(particles)[1]]
+    return normals
+
+
+def _turns_of_files(alignments: FloatArray) -> float:
+    """Return the variance of a turn about an axis [rad²] if files tell it: theirs, and that of their own."""
+    proper = np.where(mirrors(alignments)[:, None, None], alignments @ MIRROR, alignments)
+    angles = np.radians(angles_from(proper, typical_rotation(proper)))
+    return float(min(np.square(angles).mean() / 3.0 + FILES_SPREAD**2, _ANY_TURN))
+
+
+def _turning(
+    particles: FloatArray, rest: FloatArray, normals: FloatArray, parts: float, prior: float
+) -> float:
+    """Return the mean squared displacement of particles (N, 3) by turns that their surface does not tell.
+
+    A similarity fits a surface to the others by least squares of the distances along its normals. What others
+    do not reproduce of these distances, `rest` (N, 3), is their error, in as many independent `parts`; the
+    covariance of the turn follows from the normal equations, with the variance `prior` about each axis of a
+    turn that nothing tells.
+    """
+    arms = particles - particles.mean(axis=0)
+    growth = np.einsum("ni,ni->n", arms, normals)
+    moves = np.column_stack([np.cross(arms, normals), normals, growth])
+    matrix = moves.T @ moves / len(moves)
+    turn, both, others = matrix[:3, :3], matrix[:3, 3:], matrix[3:, 3:]
+    told = turn - both @ np.linalg.pinv(others, hermitian=True) @ both.T
+    variance = float(np.square(np.einsum("ni,ni->n", rest, normals)).mean()) / parts
+    covariance = variance * np.linalg.pinv(told + variance / prior * np.eye(3), hermitian=True)
+    squares = arms.T @ arms / len(arms)
+    return float(np.trace(covariance) * np.trace(squares) - np.trace(covariance @ squares))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,15 +23,16 @@ from homolog.progress import Tick, run_in_threads
 from homolog.registration.closest_points import Fit, OrientedPoints, SearchedPoints
 from homolog.registration.icp import ANOTHER, Bending
 from homolog.registration.typicality import angles_from, typical_rotation
+from homolog.surfaces.orientation import FILES_SPREAD, INDEPENDENT
 from homolog.threads import cores
 
 __all__ = ["Choice", "choose"]
 
-_INDEPENDENT, _SPREAD, _RARE = 20.0, np.radians(5.0), 0.01
-"""Number of independent deviations of a surface, standard deviation of consistent files' orientations about
-each axis [rad] (both as in `surfaces.orientation`), and share of files that lie otherwise."""
+_RARE = 0.01
+"""Share of files that lie otherwise than the others."""
 _COST = float(
-    np.log((1.0 / _RARE - 1.0) * 8.0 * np.pi**2 / ((2.0 * np.pi) ** 1.5 * _SPREAD**3)) / (0.5 * _INDEPENDENT)
+    np.log((1.0 / _RARE - 1.0) * 8.0 * np.pi**2 / ((2.0 * np.pi) ** 1.5 * FILES_SPREAD**3))
+    / (0.5 * INDEPENDENT)
 )
 """What speaks for the orientation that most files have, as a sum of two logarithms, of what is unexplained in
 positions and normals: the prior odds of that orientation, with the likelihood of independent deviations."""

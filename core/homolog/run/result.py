@@ -210,7 +210,13 @@ def write_result(
         verdict = (
             max(verdicts, key=lambda item: order.index(item.word))
             if verdicts
-            else judge(outcome.world, surfaces, again=again, tick=part_of(tick, 0.8, 1.0))
+            else judge(
+                outcome.world,
+                surfaces,
+                alignments=outcome.alignments,
+                again=again,
+                tick=part_of(tick, 0.8, 1.0),
+            )
         )
         write_verdict(new, verdict, outcome.world)
         write_table(

@@ -4,12 +4,12 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 
-__all__ = ["prior_weights", "softness"]
+__all__ = ["FILES_SPREAD", "INDEPENDENT", "prior_weights", "softness"]
 
-_INDEPENDENT = 20.0
+INDEPENDENT = 20.0
 """Effective number of independent deviations of a surface that determine its orientation."""
-_SPREAD = np.radians(5.0)
-"""Standard deviation of the orientations of consistent files, about each axis."""
+FILES_SPREAD = float(np.radians(5.0))
+"""Standard deviation of the orientations of consistent files, about each axis [rad]."""
 _EPSILON = 1e-9
 
 
@@ -24,7 +24,7 @@ def prior_weights(squares: FloatArray) -> FloatArray:
     squares : array
         Mean squared distances along the normals between aligned shapes.
     """
-    weights: FloatArray = squares / (_INDEPENDENT * _SPREAD**2)
+    weights: FloatArray = squares / (INDEPENDENT * FILES_SPREAD**2)
     return weights
 
 

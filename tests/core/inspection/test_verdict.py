@@ -3,6 +3,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial import KDTree
 
 from homolog.errors import InputError
@@ -11,6 +12,7 @@ from homolog.inspection import Word, judge, read_verdict, refuse_unusable, write
 from homolog.inspection.verdict import Agreement, agreement
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord
+from homolog.surfaces.mesh import TriangleMesh
 
 
 @pytest.fixture(scope="module")
@@ -93,6 +95,27 @@ def test_subjects_that_differ_each_in_its_own_way_ask_for_more_subjects(shapes):
     assert verdict.word is Word.DOUBTFUL
     assert verdict.landmark < 0.5 * verdict.spacing
     assert verdict.remedy.startswith("Add subjects")
+
+
+def test_round_subjects_are_doubtful_unless_their_files_tell_how_they_are_turned():
+    generator = np.random.default_rng(7)
+    sphere = trimesh.creation.icosphere(subdivisions=4)
+    directions = np.asarray(sphere.vertices)
+    common, rows = generator.normal(size=(2, 3)), []
+    for _ in range(8):
+        centres = generator.normal(size=(12, 3))
+        centres /= np.linalg.norm(centres, axis=1, keepdims=True)
+        bumps = np.exp(-8.0 * (1.0 - directions @ centres.T)) @ generator.normal(0.0, 0.01, 12)
+        waves = 0.1 * generator.normal(size=2) @ np.square(directions @ common.T).T
+        rows.append(20.0 * (1.0 + bumps + waves)[:, None] * directions)
+    surfaces = [TriangleMesh(row, sphere.faces) for row in rows]
+    particles = np.array(rows)[:, :162]
+    alone = judge(particles, surfaces)
+    told = judge(particles, surfaces, alignments=np.tile(np.eye(4), (8, 1, 1)))
+    assert told.turning < 0.3 * alone.turning
+    assert told.landmark < alone.landmark
+    assert alone.word is Word.DOUBTFUL
+    assert "turned" in alone.cause
 
 
 def test_two_subjects_are_doubtful_and_few_particles_are_judged_without_landmarks(shapes):
