@@ -132,9 +132,10 @@ def add_cut(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
     parser = subparsers.add_parser(
         "cut",
         description="Place a cutting plane on every subject, at corresponding places, and write the subjects "
-        "with their planes (column cut: x y z of a point and of the direction that is kept, in mm, LPS) as a "
-        "table, which can be edited and run: homolog run cohort.csv. Without an option, planes cut off the "
-        "open ends of all subjects where the one that lacks most ends.",
+        "with their cuts as a table, which can be edited and run: homolog run cohort.csv. In the column cut, "
+        "six numbers are a plane (x y z of a point and of the direction that is kept, in mm, LPS), four a "
+        "painted place that is removed (x y z and radius). Without an option, planes cut off the open ends "
+        "of all subjects where the one that lacks most ends.",
     )
     add_cohort_options(parser, "folder of segmentations or meshes, or table")
     way = parser.add_mutually_exclusive_group()
@@ -145,10 +146,18 @@ def add_cut(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
         help="plane of one subject: a point and the direction that is kept; it is carried to the others",
     )
     way.add_argument(
-        "--carry", metavar="SUBJECT", help="carry the plane that the table gives a subject to the others"
+        "--carry",
+        metavar="SUBJECT",
+        help="carry the planes and painted places that the table gives a subject to the others",
     )
     way.add_argument(
         "--landmarks", nargs=3, metavar="NAME", help="plane through three landmarks that every subject has"
+    )
+    way.add_argument(
+        "--region",
+        metavar="PATTERN",
+        help="file of each subject, such as regions/{subject}.json, that says what is removed: constraints "
+        "of ShapeWorks (.json), or a text with 0 (removed) or 1 (kept) for each vertex of its mesh",
     )
     way.add_argument("--keep", type=float, metavar="MM", help="length kept along the long axis, from one end")
     parser.add_argument(
@@ -163,27 +172,31 @@ def add_cut(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type 
 def run_cut(arguments: argparse.Namespace) -> int:
     """Write the table with planes; return the exit code."""
     from homolog.progress import run_in_background
-    from homolog.run.planes import cut_cohort
+    from homolog.run.planes import cut_cohort, with_regions
     from homolog_app.exports.tables import write_cohort
 
     cohort = cohort_of(arguments)
     with show_progress(arguments.progress) as progress:
         planned = run_in_background(
-            lambda tick: cut_cohort(
-                cohort,
-                tick,
-                plane=arguments.plane and (arguments.plane[0], " ".join(arguments.plane[1:])),
-                carry=arguments.carry,
-                landmarks=arguments.landmarks,
-                keep=arguments.keep,
-                end=arguments.end and _ENDS[arguments.end],
+            lambda tick: (
+                with_regions(cohort, arguments.region)
+                if arguments.region
+                else cut_cohort(
+                    cohort,
+                    tick,
+                    plane=arguments.plane and (arguments.plane[0], " ".join(arguments.plane[1:])),
+                    carry=arguments.carry,
+                    landmarks=arguments.landmarks,
+                    keep=arguments.keep,
+                    end=arguments.end and _ENDS[arguments.end],
+                )
             ),
             progress.tick,
             "cutting planes",
         )
     write_cohort(arguments.out, planned)
     sys.stdout.write(
-        f"planes of {len(planned.subjects)} subjects written to {arguments.out}\n"
+        f"cuts of {len(planned.subjects)} subjects written to {arguments.out}\n"
         f"Next: homolog run {quote(str(arguments.out))} --out PROJECT\n"
     )
     return 0

@@ -161,8 +161,8 @@ def groomed_before(
 ) -> "tuple[list[GroomedSubject], FloatArray] | None":
     """Return a project's cached groomed subjects, aligned; None unless all are up to date."""
     from homolog.grooming.cache import content_key, load_groomed
-    from homolog.grooming.cuts import planes_of
     from homolog.grooming.subject import read_source, settings_of
+    from homolog.io.constraints import cuts_of
     from homolog.registration import align_cohort
 
     groomed = []
@@ -172,7 +172,7 @@ def groomed_before(
             return None
         try:
             own = settings_of(subject, settings.groom)
-            key = content_key(read_source(subject, own), own, planes_of(subject))
+            key = content_key(read_source(subject, own), own, cuts_of(subject, own.segment))
         except InputError:
             return None  # reported when files are read
         kept = load_groomed(project.groomed, subject.name, key)

@@ -11,15 +11,15 @@ import numpy as np
 
 from homolog.arrays import Array
 from homolog.errors import InputError
-from homolog.grooming.cuts import text_of
 from homolog.grooming.subject import GroomedSubject, GroomReport
 from homolog.io.arrays import read_arrays
 from homolog.io.atomic import atomic_write
+from homolog.io.constraints import text_of
 from homolog.io.images import Segmentation
 from homolog.io.meshes import write_mesh
 from homolog.io.names import file_stems
 from homolog.settings import GroomSettings
-from homolog.surfaces.clipping import Plane
+from homolog.surfaces.clipping import Cut
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -39,16 +39,16 @@ _VERSION = "14"
 
 
 def content_key(
-    source: Segmentation | TriangleMesh, settings: GroomSettings, planes: Sequence[Plane] = ()
+    source: Segmentation | TriangleMesh, settings: GroomSettings, cuts: Sequence[Cut] = ()
 ) -> str:
-    """Return hashes of the inputs of a groomed subject: the file's content, and settings with planes."""
+    """Return hashes of the inputs of a groomed subject: the file's content, and settings with cuts."""
     content, rest = hashlib.sha256(), hashlib.sha256(_VERSION.encode())
     rest.update(
         settings.model_dump_json(
             exclude={"alignment", "mirror", "scaling", "label", "values", "structures"}
         ).encode()
     )
-    rest.update(text_of(planes).encode())
+    rest.update(text_of(cuts).encode())
     arrays: tuple[Array, ...]
     if isinstance(source, Segmentation):
         arrays = (source.mask, source.rotation, source.spacing, source.origin)

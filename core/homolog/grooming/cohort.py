@@ -24,7 +24,7 @@ from homolog.grooming.cache import (
     stored_key,
 )
 from homolog.grooming.clean import is_pair
-from homolog.grooming.cuts import check_planes, planes_of
+from homolog.grooming.cuts import check_cuts
 from homolog.grooming.missing_slices import with_missing_slices
 from homolog.grooming.subject import (
     GroomedSubject,
@@ -34,6 +34,7 @@ from homolog.grooming.subject import (
     read_source,
     settings_of,
 )
+from homolog.io.constraints import cuts_of
 from homolog.io.images import Segmentation
 from homolog.io.markups import read_markups
 from homolog.io.structures import ENDED
@@ -186,8 +187,8 @@ def _read(job: _Check) -> _Content:
     source = read_source(subject, settings) if given is None else check_source(given, settings, subject.name)
     if subject.landmarks is not None:
         read_markups(subject.landmarks)
-    check_planes(subject.name, planes := planes_of(subject), source)
-    reading = Reading(content_key(source, settings, planes)) if most else Reading("")
+    check_cuts(subject.name, cuts := cuts_of(subject, settings.segment), source)
+    reading = Reading(content_key(source, settings, cuts)) if most else Reading("")
     if isinstance(source, TriangleMesh):
         kept = source.vertices.nbytes + source.faces.nbytes <= most
         return _Content(replace(reading, source=source if kept else None))
@@ -396,9 +397,9 @@ def _groomed(job: _Job) -> tuple[str, GroomedSubject | None]:
     if isinstance(source, _Packed):
         source = source.unpacked()
     source = read_source(subject, settings) if source is None else source
-    planes = planes_of(subject)
-    key = content_key(source, settings, planes)
-    return key, None if key == known else groom(subject.name, source, settings, planes)
+    cuts = cuts_of(subject, settings.segment)
+    key = content_key(source, settings, cuts)
+    return key, None if key == known else groom(subject.name, source, settings, cuts)
 
 
 def _each_groomed(

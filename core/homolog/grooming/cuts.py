@@ -1,78 +1,51 @@
-"""Cutting planes of subjects: the part of a surface that takes part in a study."""
+"""What is cut away of subjects by planes and painted regions: the part of a surface that takes part."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from homolog.cohort import Subject, column_of
 from homolog.errors import InputError
 from homolog.grooming.sheets import chosen_faces
 from homolog.io.images import Segmentation
-from homolog.surfaces.clipping import Plane, clipped
+from homolog.surfaces.clipping import Ball, Cut, Plane, clipped, kept_heights, where_positive
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import face_components, rim_numbers, rim_sides
+from homolog.surfaces.topology import face_components, rim_numbers, rim_sides, unpinched
 
-__all__ = ["COLUMN", "Part", "check_planes", "kept_part", "planes_of", "text_of"]
-
-COLUMN = "cut"
-"""Column of the table with the planes of a subject: x y z of a point, then of the direction that is kept."""
+__all__ = ["Part", "check_cuts", "kept_part", "kept_surface"]
 
 
-def planes_of(subject: Subject) -> tuple[Plane, ...]:
-    """Return the cutting planes in a subject's column `cut`; several are separated by semicolons.
+def check_cuts(name: str, cuts: Sequence[Cut], source: Segmentation | TriangleMesh) -> None:
+    """Refuse a plane that cuts nothing off a shape, or everything, and paint that does not meet it.
 
     Raises
     ------
     InputError
-        If the column has no planes as it should.
+        With the subject and the distance from its surface.
     """
-    planes = []
-    for text in column_of(subject.columns, COLUMN).split(";"):
-        if not text.strip():
-            continue
-        try:
-            numbers = np.array([float(item) for item in text.replace(",", " ").split()])
-            if len(numbers) != 6:
-                raise ValueError
-            planes.append(Plane.of(numbers[:3], numbers[3:]))
-        except (ValueError, InputError) as error:
-            raise InputError(
-                f"{subject.name}: its cutting plane is {text.strip()!r}; give six numbers, x y z of a point "
-                "and of the direction towards the part that is kept"
-            ) from error
-    return tuple(planes)
-
-
-def text_of(planes: Sequence[Plane]) -> str:
-    """Return planes as a subject's column `cut`."""
-    return "; ".join(
-        " ".join(f"{number:.6g}" for number in (*plane.point, *plane.direction)) for plane in planes
-    )
-
-
-def check_planes(name: str, planes: Sequence[Plane], source: Segmentation | TriangleMesh) -> None:
-    """Refuse a plane that cuts nothing off a shape, or everything.
-
-    Raises
-    ------
-    InputError
-        With the subject and the distance of the plane from its surface.
-    """
-    if not planes:
+    if not cuts:
         return
     if isinstance(source, Segmentation):
         points = source.origin + np.argwhere(source.mask) * source.spacing @ source.rotation.T
     else:
         points = source.vertices
-    for plane in planes:
-        heights = plane.heights(points)
+    gaps = []
+    for cut in cuts:
+        if isinstance(cut, Ball):
+            gaps.append(float(np.linalg.norm(points - cut.centre, axis=1).min()) - cut.radius)
+            continue
+        heights = cut.heights(points)
         if (heights >= 0.0).all() or (heights <= 0.0).all():
             what = "nothing off" if (heights >= 0.0).all() else "everything off"
             gap = float(np.abs(heights).min())
             raise InputError(
                 f"{name}: its cutting plane cuts {what}, {gap:.3g} mm off the surface; correct or remove it"
             )
+    if gaps and min(gaps) > 0.0:
+        raise InputError(
+            f"{name}: what is painted is {min(gaps):.3g} mm off its surface or smaller than a face; paint it "
+            "again, or remove it"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,24 +70,37 @@ class Part:
     notes: tuple[str, ...]
 
 
-def kept_part(mesh: TriangleMesh, planes: Sequence[Plane]) -> Part:
-    """Return the part of a surface that planes keep.
+def kept_surface(mesh: TriangleMesh, cuts: Sequence[Cut]) -> tuple[TriangleMesh, tuple[TriangleMesh, ...]]:
+    """Return the part of a surface that cuts keep, which may be in pieces, and what each leaves out."""
+    part, rest = mesh, []
+    for plane in (cut for cut in cuts if isinstance(cut, Plane)):
+        rest.append(clipped(part, Plane(plane.point, -plane.direction)))
+        part = clipped(part, plane)
+    if balls := [cut for cut in cuts if isinstance(cut, Ball)]:
+        heights = kept_heights(part, balls)
+        rest.append(where_positive(part, -heights))
+        part = where_positive(part, heights)
+    return part, tuple(item for item in rest if len(item.faces))
+
+
+def kept_part(mesh: TriangleMesh, cuts: Sequence[Cut]) -> Part:
+    """Return the part of a surface that planes and paint keep.
 
     Raises
     ------
     InputError
-        If nothing is kept.
+        If nothing is kept, or nothing left out.
     """
-    part = mesh
-    for plane in planes:
-        part = clipped(part, plane)
-        if not len(part.faces):
-            raise InputError("its cutting plane cuts everything off; correct or remove it")
+    part, _ = kept_surface(mesh, cuts)
+    if not len(part.faces):
+        raise InputError("its planes and paint leave nothing; correct or remove them")
+    if part is mesh:
+        raise InputError("its planes and paint remove nothing; correct or remove them")
     pieces = face_components(part.faces)
     areas = np.bincount(pieces, part.face_areas)
-    part = chosen_faces(part, pieces == int(areas.argmax()))
+    part = unpinched(chosen_faces(part, pieces == int(areas.argmax())))
     share = 100.0 * (1.0 - part.area / mesh.area)
-    notes = [f"{share:.3g} % of its surface was cut off at {'planes' if len(planes) > 1 else 'a plane'}"]
+    notes = [f"{share:.3g} % of its surface was cut away"]
     if len(areas) > 1:
         notes.append(f"of {len(areas)} pieces that were left, the largest was kept")
     rims = int(rim_numbers(rim_sides(part.faces)[0]).max(initial=-1)) + 1

@@ -9,19 +9,20 @@ import numpy as np
 from homolog.cohort import Subject, column_of
 from homolog.errors import InputError, NumericalError
 from homolog.grooming.clean import cleaned
-from homolog.grooming.cuts import check_planes, kept_part, planes_of
+from homolog.grooming.cuts import check_cuts, kept_part
 from homolog.grooming.fields import ENOUGH, SmoothField, distance_field, restored
 from homolog.grooming.levels import AUTOMATIC_NODES, MANY_CROSSED, edges_crossed, level_of_voxels
 from homolog.grooming.missing_slices import with_missing_slices
 from homolog.grooming.sheets import Sheet, sheet_of
 from homolog.grooming.triangles import check_triangles, level_of_triangles, notes_on_groomed
+from homolog.io.constraints import cuts_of
 from homolog.io.images import Segmentation, read_segmentation
 from homolog.io.meshes import read_mesh
 from homolog.io.structures import mask_of
 from homolog.io.volumes import joined_names, union_of
 from homolog.memory import Store
 from homolog.settings import OWN, GroomSettings, OwnGrooming, Values
-from homolog.surfaces.clipping import Plane
+from homolog.surfaces.clipping import Cut
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import coarse_isosurface, isosurface
 from homolog.surfaces.mesh import TriangleMesh
@@ -173,7 +174,7 @@ def groom_subject(subject: Subject, settings: GroomSettings) -> GroomedSubject:
         If no closed surface can be computed.
     """
     own = settings_of(subject, settings)
-    return groom(subject.name, read_source(subject, own), own, planes_of(subject))
+    return groom(subject.name, read_source(subject, own), own, cuts_of(subject, own.segment))
 
 
 def settings_of(subject: Subject, settings: GroomSettings) -> GroomSettings:
@@ -277,7 +278,7 @@ def check_source(source: Source, settings: GroomSettings, what: object) -> Sourc
 
 
 @on_one_thread
-def groom(name: str, source: Source, settings: GroomSettings, planes: Sequence[Plane] = ()) -> GroomedSubject:
+def groom(name: str, source: Source, settings: GroomSettings, cuts: Sequence[Cut] = ()) -> GroomedSubject:
     """Groom a subject that has been read; see `groom_subject`.
 
     Parameters
@@ -288,17 +289,17 @@ def groom(name: str, source: Source, settings: GroomSettings, planes: Sequence[P
         Result of `read_source`.
     settings : GroomSettings
         Settings of grooming.
-    planes : sequence of Plane
-        Cutting planes of the subject.
+    cuts : sequence of Cut
+        Cutting planes and painted places of the subject.
 
     Returns
     -------
     GroomedSubject
     """
-    check_planes(name, planes, source)
+    check_cuts(name, cuts, source)
     try:
         groomed = _groomed(name, source, settings)
-        return _cut(groomed, planes) if planes else groomed
+        return _cut(groomed, cuts) if cuts else groomed
     except (InputError, NumericalError) as error:
         raise type(error)(f"{name}: {error}") from error
 
@@ -355,9 +356,9 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
     return GroomedSubject(name, field, mesh, coarse_isosurface(field, mesh, COARSE_VERTICES), report)
 
 
-def _cut(groomed: GroomedSubject, planes: Sequence[Plane]) -> GroomedSubject:
-    """Return a subject with the part of its surface that its planes keep."""
-    part = kept_part(groomed.mesh, planes)
+def _cut(groomed: GroomedSubject, cuts: Sequence[Cut]) -> GroomedSubject:
+    """Return a subject with the part of its surface that its cuts keep."""
+    part = kept_part(groomed.mesh, cuts)
     report = replace(
         groomed.report,
         components_dropped=groomed.report.components_dropped + part.pieces_dropped,

@@ -21,6 +21,7 @@ from homolog.arrays import FloatArray
 from homolog.cohort import Cohort, Subject, checked_path, stem_of, subject_at
 from homolog.errors import InputError
 from homolog.io.bounded import read_json
+from homolog.io.constraints import COLUMN, read_constraints, text_of
 from homolog.io.particles import PARTICLE_SUFFIXES, read_particles
 from homolog.spreadsheets import read_rows
 
@@ -579,6 +580,10 @@ def _cohort_subject(source: ShapeWorksProject, row: Row) -> Subject:
     further = {
         key: item for key, item in row.items() if not key.startswith(PREFIXES) and key not in _NOT_TAKEN
     }
+    for domain in files:
+        if text := row.get(f"constraints_{domain}", ""):
+            cuts = text_of(read_constraints(_needed(source.path, name, text)))
+            further |= {COLUMN if len(source.domains) == 1 else f"{COLUMN}:{domain}": cuts} if cuts else {}
     group = next(iter(groups), "")
     columns = MappingProxyType({key: item for key, item in groups.items() if key != group} | further)
     if len(source.domains) == 1:

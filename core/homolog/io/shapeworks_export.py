@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from homolog.arrays import FloatArray
+from homolog.cohort import column_of
 from homolog.errors import InputError
 from homolog.io.atomic import atomic_write, write_text
 from homolog.io.bounded import read_json
+from homolog.io.constraints import COLUMN, parse_cuts, write_planes
 from homolog.io.names import file_stems
 from homolog.io.particles import write_particles
 from homolog.io.project import ProjectFolder
@@ -28,6 +30,7 @@ from homolog.io.shapeworks import (
     tables_of,
 )
 from homolog.progress import Tick, no_tick
+from homolog.surfaces.clipping import Plane
 
 __all__ = ["load_source_metadata", "moved_paths", "save_source_metadata", "write_shapeworks"]
 
@@ -72,7 +75,10 @@ def write_shapeworks(project: ProjectFolder, folder: Path, tick: Tick = no_tick)
         row |= target.write_particles(subject.file, result.local[index], result.world[index])
         row |= target.write_transforms(subject)
         row |= target.write_surface(row, surface_file(project, subject.file))
+        row |= target.write_constraints(row, subject)
         rows.append(row)
+    if any(f"constraints_{domain}" in row for row in rows):  # ShapeWorks needs it of all or none
+        rows = [{f"constraints_{domain}": ""} | row for row in rows]
     rows = [complete_row(row, source.domains) for row in rows] if len(source.domains) > 1 else rows
     content = {"data": rows} | _settings(source, record, domain)
     path = folder / f"{name}.swproj"
@@ -111,6 +117,20 @@ class _Target:
             part.write_bytes(surface.read_bytes())
         has_input = any(f"{prefix}{self.domain}" in row for prefix in INPUTS)
         return {f"groomed_{self.domain}": place} | ({} if has_input else {f"shape_{self.domain}": place})
+
+    def write_constraints(self, row: Row, subject: ResultSubject) -> Row:
+        """Write the planes of a subject that came without constraints; surfaces end where paint begins."""
+        key = f"constraints_{self.domain}"
+        planes = [
+            cut
+            for cut in parse_cuts(column_of(subject.columns, COLUMN), subject.name)
+            if isinstance(cut, Plane)
+        ]
+        if row.get(key) or not planes:
+            return {}
+        place = f"{self.name}_constraints/{subject.file}.json"
+        write_planes(self.folder / place, planes)
+        return {key: place}
 
 
 def _described(row: Row, subject: ResultSubject) -> Row:

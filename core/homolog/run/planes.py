@@ -1,27 +1,37 @@
-"""Cutting planes: placed on one subject and carried to the others by registration."""
+"""Cutting planes and painted regions: placed on one subject and carried to the others by registration."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog.cohort import Cohort, Subject
+from homolog.cohort import Cohort, Subject, column_of
 from homolog.correspondence.initialization.registration import Registration
 from homolog.errors import InputError
 from homolog.geometry import fit_similarity, inverse_matrices, scale_of, transform_points
 from homolog.grooming import groom_cohort
-from homolog.grooming.cuts import COLUMN, check_planes, planes_of, text_of
+from homolog.grooming.cuts import check_cuts
+from homolog.io.constraints import COLUMN, cuts_of, read_constraints, read_flags, text_of
 from homolog.io.markups import read_markups
 from homolog.progress import Tick, no_tick, part_of
 from homolog.registration import align_cohort
 from homolog.settings import GroomSettings
-from homolog.surfaces.clipping import Plane, clipped
+from homolog.surfaces.clipping import Ball, Cut, Plane, clipped
 from homolog.surfaces.closest import closest_faces
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import rim_numbers, rim_sides
 
-__all__ = ["carried", "common_planes", "cut_cohort", "plane_along", "plane_through"]
+__all__ = [
+    "carried",
+    "carried_cuts",
+    "common_planes",
+    "cut_cohort",
+    "plane_along",
+    "plane_through",
+    "with_regions",
+]
 
 _ROUNDS = 200
 _MOVED = 1e-5
@@ -51,7 +61,7 @@ def cut_cohort(
     plane : (str, str), optional
         A subject and its plane as in the column; it is carried to the others.
     carry : str, optional
-        A subject whose own plane is carried to the others.
+        A subject whose own planes and paint are carried to the others.
     landmarks : three of str, optional
         Names of the landmarks through which the planes pass.
     keep : float, optional
@@ -74,42 +84,80 @@ def cut_cohort(
         raise InputError(f"{source}: is not one of the subjects; give one of {cohort.subjects[0].name}, …")
     if plane is not None and own is not None:
         own = replace(own, columns={**own.columns, COLUMN: plane[1]})
-    given = () if own is None else planes_of(own)
-    if own is not None and len(given) != 1:
-        raise InputError(f"{own.name}: has {len(given)} cutting planes; one is needed, to be carried")
+    given = () if own is None else cuts_of(own)
+    if own is not None and not given:
+        raise InputError(f"{own.name}: has no plane and no paint to be carried; place them first")
     whole = replace(cohort, subjects=tuple(_without_planes(item) for item in cohort.subjects))
     settings = GroomSettings()
     groomed = groom_cohort(whole, settings, tick=part_of(tick, 0.0, 0.4))
     meshes = [item.mesh for item in groomed]
     names = [item.name for item in groomed]
     if landmarks is not None:
-        planes = [
-            plane_through(_marked(subject, landmarks), mesh)
+        cuts: list[tuple[Cut, ...]] = [
+            (plane_through(_marked(subject, landmarks), mesh),)
             for subject, mesh in zip(cohort.subjects, meshes, strict=True)
         ]
     elif keep is not None:
         towards = None if end is None else np.array(end)
-        planes = [plane_along(mesh, keep, towards) for mesh in meshes]
+        cuts = [(plane_along(mesh, keep, towards),) for mesh in meshes]
     else:
         _, alignments = align_cohort(whole, groomed, settings, part_of(tick, 0.4, 0.6))
         coarse, rest = [item.coarse_mesh for item in groomed], part_of(tick, 0.6, 1.0)
         if own is None:
-            planes = common_planes(coarse, alignments, names, rest)
+            cuts = [(plane,) for plane in common_planes(coarse, alignments, names, rest)]
         else:
-            planes = carried_planes(given[0], names.index(own.name), coarse, alignments, names, rest)
-    for name, mesh, item in zip(names, meshes, planes, strict=True):
-        check_planes(name, [item], mesh)
+            cuts = carried_cuts(given, names.index(own.name), coarse, alignments, names, rest)
+    for name, mesh, items in zip(names, meshes, cuts, strict=True):
+        check_cuts(name, items, mesh)
     return replace(
         cohort,
         subjects=tuple(
-            replace(subject, columns={**subject.columns, COLUMN: text_of([item])})
-            for subject, item in zip(cohort.subjects, planes, strict=True)
+            replace(subject, columns={**_without_planes(subject).columns, COLUMN: text_of(items)})
+            for subject, items in zip(cohort.subjects, cuts, strict=True)
         ),
     )
 
 
+def with_regions(cohort: Cohort, pattern: str) -> Cohort:
+    """Return a cohort with what files leave out of its subjects, in its column `cut`.
+
+    Parameters
+    ----------
+    cohort : Cohort
+    pattern : str
+        Path with ``{subject}``: constraints of ShapeWorks (.json), or a text with 0 (left out) or 1 for each
+        vertex of the subject's mesh. A subject without a file stays as it is.
+
+    Raises
+    ------
+    InputError
+        If no file exists, or with a line for each that can't be used.
+    """
+    if "{subject}" not in pattern:
+        raise InputError(f"{pattern}: give a path with {{subject}} in place of the name of each")
+    files = {item.name: Path(pattern.replace("{subject}", item.name)) for item in cohort.subjects}
+    if not any(file.is_file() for file in files.values()):
+        raise InputError(f"{pattern}: no such file exists, such as {next(iter(files.values()))}")
+    subjects, faults = [], []
+    for subject in cohort.subjects:
+        file = files[subject.name]
+        try:
+            cuts: tuple[Cut, ...] = ()
+            if file.suffix.lower() == ".json" and file.is_file():
+                cuts = read_constraints(file)
+            elif file.is_file():
+                cuts = read_flags(file, subject.path)
+            text = text_of(cuts) or column_of(subject.columns, COLUMN)
+            subjects.append(replace(subject, columns={**_without_planes(subject).columns, COLUMN: text}))
+        except InputError as error:
+            faults.append(str(error))
+    if faults:
+        raise InputError("\n".join(faults))
+    return replace(cohort, subjects=tuple(subjects))
+
+
 def _without_planes(subject: Subject) -> Subject:
-    columns = {name: value for name, value in subject.columns.items() if name != COLUMN}
+    columns = {name: value for name, value in subject.columns.items() if name.strip().casefold() != COLUMN}
     return replace(subject, columns=columns)
 
 
@@ -124,21 +172,21 @@ def _marked(subject: Subject, names: Sequence[str]) -> FloatArray:
     return np.array([markups.points[markups.names.index(name)] for name in names])
 
 
-def carried_planes(
-    plane: Plane,
+def carried_cuts(
+    cuts: Sequence[Cut],
     source: int,
     meshes: Sequence[TriangleMesh],
     alignments: FloatArray,
     names: Sequence[str],
     tick: Tick = no_tick,
-) -> list[Plane]:
-    """Return the planes of M surfaces that correspond to that of one of them; see `carried`."""
-    planes = []
+) -> list[tuple[Cut, ...]]:
+    """Return the cuts of M surfaces that correspond to those of one of them; see `carried`."""
+    result = []
     for k, mesh in enumerate(meshes):
-        tick(k / len(meshes), f"plane of {names[k]}")
+        tick(k / len(meshes), f"carrying to {names[k]}")
         start = inverse_matrices(alignments[k][None])[0] @ alignments[source]
-        planes.append(plane if k == source else carried(plane, meshes[source], mesh, start))
-    return planes
+        result.append(tuple(cuts) if k == source else carried(cuts, meshes[source], mesh, start))
+    return result
 
 
 def plane_through(points: FloatArray, mesh: TriangleMesh) -> Plane:
@@ -187,23 +235,28 @@ def plane_along(mesh: TriangleMesh, length: float, towards: FloatArray | None = 
     return Plane.of(centre + (end - length - centre @ axis) * axis, axis)
 
 
-def carried(plane: Plane, source: TriangleMesh, target: TriangleMesh, start: FloatArray) -> Plane:
-    """Return the plane of a target that corresponds to that of a source.
+def carried(
+    cuts: Sequence[Cut], source: TriangleMesh, target: TriangleMesh, start: FloatArray
+) -> tuple[Cut, ...]:
+    """Return the cuts of a target that correspond to those of a source.
 
-    Only the part of the source that is kept is registered, which the target has as a whole: what lies beyond
-    the plane decides nothing. The similarity of that part turns the plane; the surface near the cut, deformed
-    onto the target, moves it on. On a smooth shaft a deformation hardly tells a tilt.
+    Only the part that the source's planes keep is registered, which the target has as a whole: what lies
+    beyond a plane decides nothing. The similarity of that part turns a plane; the surface near the cut,
+    deformed onto the target, moves it on. On a smooth shaft a deformation hardly tells a tilt. Paint moves
+    with the deformed surface below it.
 
     Parameters
     ----------
-    plane : Plane
+    cuts : sequence of Cut
         Of the source.
     source, target : TriangleMesh
         Surfaces.
     start : (4, 4) array
         Rough similarity from source to target.
     """
-    part = clipped(source, plane)
+    part = source
+    for cut in cuts:
+        part = clipped(part, cut) if isinstance(cut, Plane) else part
     pose, size = start, float(np.ptp(part.vertices, axis=0).max())
     for _ in range(_ROUNDS):
         placed = part.placed(pose)
@@ -219,14 +272,32 @@ def carried(plane: Plane, source: TriangleMesh, target: TriangleMesh, start: Flo
     unit = 0.01 * float(np.sqrt(placed.area))
     scaled = [TriangleMesh(mesh.vertices / unit, mesh.faces) for mesh in (placed, target)]
     (deformed,) = Registration.of(scaled[0]).deform(scaled[1:], [scaled[0].vertices])
+    moves = unit * deformed.mesh.vertices - placed.vertices
+    return tuple(
+        _moved_plane(cut, part, pose, moves, size)
+        if isinstance(cut, Plane)
+        else _moved_ball(cut, part, pose, moves)
+        for cut in cuts
+    )
+
+
+def _moved_plane(plane: Plane, part: TriangleMesh, pose: FloatArray, moves: FloatArray, size: float) -> Plane:
+    """Return a plane placed by a pose, and moved on as the surface (V, 3) near the cut."""
     heights = plane.heights(part.vertices)
     section = part.vertices[np.unique(rim_sides(part.faces)[0])]
     section = section[np.abs(plane.heights(section)) < 1e-3 * size]
     width = float(np.sqrt(np.square(section - section.mean(axis=0)).sum(axis=1).mean()))
     weights = np.exp(-0.5 * np.square(heights / width))
     there = plane.placed(pose)
-    moved_on = (unit * deformed.mesh.vertices - placed.vertices) @ there.direction
-    return Plane.of(there.point + np.average(moved_on, weights=weights) * there.direction, there.direction)
+    moved_on = np.average(moves @ there.direction, weights=weights)
+    return Plane.of(there.point + moved_on * there.direction, there.direction)
+
+
+def _moved_ball(ball: Ball, part: TriangleMesh, pose: FloatArray, moves: FloatArray) -> Ball:
+    """Return a dab of a brush placed by a pose, and moved on as the surface (V, 3) below it."""
+    faces, weights = closest_faces(part, ball.centre[None])
+    there = ball.placed(pose)
+    return replace(there, centre=there.centre + weights[0] @ moves[part.faces[faces[0]]])
 
 
 def _matched(moving: TriangleMesh, target: TriangleMesh) -> FloatArray:
@@ -276,7 +347,8 @@ def common_planes(
     plane, scales = own[source], scale_of(alignments)
     for number in range(_SHIFTS):
         part = part_of(tick, number / _SHIFTS, (number + 1) / _SHIFTS)
-        planes = carried_planes(plane, source, meshes, alignments, names, part)
+        cuts = carried_cuts([plane], source, meshes, alignments, names, part)
+        planes = [item for (item,) in cuts if isinstance(item, Plane)]
         over = np.array([item.heights(rim).max() for item, rim in zip(planes, rims, strict=True)])
         missed = float((over * scales / scales[source]).max())
         if missed <= 0.0:

@@ -3,8 +3,8 @@
 from homolog.cohort import Cohort, column_of, sides_of
 from homolog.errors import InputError
 from homolog.grooming.cache import content_key, load_groomed
-from homolog.grooming.cuts import planes_of
 from homolog.grooming.subject import read_source, settings_of
+from homolog.io.constraints import cuts_of
 from homolog.io.project import ProjectFolder
 from homolog.io.records import IMPORTED, ResultRecord
 from homolog.progress import Tick, no_tick
@@ -52,7 +52,7 @@ def is_result_of(project: ProjectFolder, cohort: Cohort, settings: RunSettings, 
         tick(index / len(cohort.subjects), f"comparing {subject.name} with the result")
         try:
             own = settings_of(subject, settings.groom)
-            key = content_key(read_source(subject, own), own, planes_of(subject))
+            key = content_key(read_source(subject, own), own, cuts_of(subject, own.segment))
         except InputError:
             return False  # reported by the run
         if load_groomed(project.groomed, subject.name, key) is None:

@@ -6,6 +6,7 @@ import openpyxl
 import pytest
 
 from homolog.errors import InputError
+from homolog.io.constraints import cuts_of
 from homolog.io.shapeworks import is_shapeworks, read_shapeworks_cohort
 
 ROWS = [
@@ -48,6 +49,26 @@ def test_several_domains_are_structures(folder):
     (folder / "study.swproj").write_text(json.dumps({"data": rows}))
     first, _ = read_shapeworks_cohort(folder / "study.swproj").subjects
     assert dict(first.structures) == {"femur": folder / "in" / "a.ply", "tibia": folder / "in" / "c.ply"}
+
+
+def test_constraints_are_cuts_of_each_domain(folder):
+    plane = {"planes": [{"points": [[0, 0, 5], [1, 0, 5], [0, 1, 5]]}]}
+    (folder / "a.json").write_text(json.dumps(plane))
+    single = [ROWS[0] | {"constraints_femur": "a.json"}, ROWS[1] | {"constraints_femur": ""}]
+    (folder / "study.swproj").write_text(json.dumps({"data": single}))
+    first, second = read_shapeworks_cohort(folder / "study.swproj").subjects
+    (cut,) = cuts_of(first)
+    assert cut.direction.tolist() == [0.0, 0.0, 1.0]
+    assert cut.point[2] == pytest.approx(5.0)
+    assert cuts_of(second) == ()
+    several = [row | {"shape_tibia": "in/c.ply"} for row in single]
+    (folder / "study.swproj").write_text(json.dumps({"data": several}))
+    first, _ = read_shapeworks_cohort(folder / "study.swproj").subjects
+    assert len(cuts_of(first, "femur")) == 1
+    assert cuts_of(first, "tibia") == ()
+    (folder / "a.json").write_text('{"spheres": []}')
+    with pytest.raises(InputError, match=r"a\.json: has spheres"):
+        read_shapeworks_cohort(folder / "study.swproj")
 
 
 def test_a_shape_that_is_not_there_is_named(folder):
