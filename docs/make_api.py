@@ -197,7 +197,8 @@ def _settings() -> Iterator[str]:
             default = getattr(setting.default, "value", setting.default)
             unit = f" {setting.unit}" if setting.unit and default is not None else ""
             choices = f" ({', '.join(setting.choices)})" if setting.choices else ""
-            yield f"| `{setting.name}` | `{default!r}`{unit} | {setting.help}{choices} |"
+            name = {"seed": "random_state"}.get(setting.name, setting.name)
+            yield f"| `{name}` | `{default!r}`{unit} | {setting.help}{choices} |"
     yield ""
 
 

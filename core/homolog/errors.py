@@ -1,4 +1,7 @@
-"""Exceptions, grouped by who can fix the cause."""
+"""Exceptions, grouped by who can fix the cause, and paths that users give."""
+
+from os import PathLike
+from pathlib import Path
 
 __all__ = [
     "Cancelled",
@@ -8,6 +11,7 @@ __all__ = [
     "NumericalError",
     "WorkerDiedError",
     "is_out_of_memory",
+    "path_of",
     "user_message",
 ]
 
@@ -83,6 +87,14 @@ def user_message(error: BaseException) -> str | None:
         if not package.startswith("homolog"):
             return f"the Python package {package} is not installed; install it with: pip install {package}"
     return None
+
+
+def path_of(value: str | PathLike[str], what: str = "path") -> Path:
+    """Return a path that a user gives; raise InputError if it is something else."""
+    try:
+        return Path(value)
+    except TypeError as error:
+        raise InputError(f"{what}: give the path of a file or folder, not {type(value).__name__}") from error
 
 
 def is_out_of_memory(error: BaseException) -> bool:

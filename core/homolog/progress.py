@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import TypeVar
 
+from homolog.errors import InputError
 from homolog.threads import MOST_THREADS
 
 __all__ = [
@@ -36,6 +37,8 @@ def tick_of(callback: Callable[[float, str], object] | None) -> Tick:
     """Return a tick that calls a user's function; without one, a tick that does nothing."""
     if callback is None:
         return no_tick
+    if not callable(callback):
+        raise InputError(f"callback: give a function of a fraction and a message, not {callback!r}")
 
     def tick(fraction: float, message: str) -> None:
         callback(fraction, message)

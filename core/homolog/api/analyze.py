@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from os import PathLike
-from pathlib import Path
 from typing import Literal
 
 from homolog.comparison.project import StudyAnswer, analyze_result, primary_of, questions_of
 from homolog.comparison.stored import name_primary
+from homolog.errors import path_of
 from homolog.inspection.verdict import refuse_unusable
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_result
@@ -101,7 +101,7 @@ def analyze(
     Project.describe : details for the report, such as the name of the structure.
     """
     alignments = (alignment,) if isinstance(alignment, str) else tuple(dict.fromkeys(alignment))
-    folder = ProjectFolder(Path(project))
+    folder = ProjectFolder(path_of(project, "project"))
     with folder.locked(new=False):
         result = read_result(folder)
         if not anyway:

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from os import PathLike
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast, overload
+from typing import TYPE_CHECKING, Any, Literal, Self, overload
 
 from homolog.api.inputs import column_of, columns_of
 from homolog.api.project import Project
 from homolog.arrays import Array, ArrayLike
+from homolog.cohort.column_types import plain_name
 from homolog.comparison.ask import ask
 from homolog.comparison.formula import FormulaAnswer, ask_formula, design_of
 from homolog.comparison.question import questions
 from homolog.comparison.sample import Sample, at_own_size, levels, matched_rows
-from homolog.errors import InputError
+from homolog.errors import InputError, path_of
 from homolog.inspection.verdict import Word
 from homolog.progress import part_of, tick_of
 from homolog.statistics.comparison import Comparison
 
 if TYPE_CHECKING:
     from homolog.api.correspond import Correspondence
+
+    _Shapes = Correspondence | Project | str | PathLike[str] | ArrayLike
 
 __all__ = ["compare", "compare_groups", "regress"]
 
@@ -32,12 +34,12 @@ Covariates = Mapping[str, Sequence[str | float] | Array]
 
 @overload
 def compare_groups(
-    particles: ArrayLike,
-    groups: Sequence[str | None],
+    particles: _Shapes,
+    groups: Sequence[str | None] | str | None = None,
     between: Sequence[str] | None = None,
     *,
-    pairs: Sequence[str | None] | None = None,
-    covariates: Covariates | None = None,
+    pairs: Sequence[str | None] | str | None = None,
+    covariates: Covariates | Sequence[str] | None = None,
     complete_cases: bool = False,
     alignment: _Alignment,
     modes: int | None = None,
@@ -50,12 +52,12 @@ def compare_groups(
 
 @overload
 def compare_groups(
-    particles: ArrayLike,
-    groups: Sequence[str | None],
+    particles: _Shapes,
+    groups: Sequence[str | None] | str | None = None,
     between: Sequence[str] | None = None,
     *,
-    pairs: Sequence[str | None] | None = None,
-    covariates: Covariates | None = None,
+    pairs: Sequence[str | None] | str | None = None,
+    covariates: Covariates | Sequence[str] | None = None,
     complete_cases: bool = False,
     alignment: tuple[_Alignment, ...] | list[_Alignment] = _BOTH,
     modes: int | None = None,
@@ -67,12 +69,12 @@ def compare_groups(
 
 
 def compare_groups(
-    particles: ArrayLike,
-    groups: Sequence[str | None],
+    particles: _Shapes,
+    groups: Sequence[str | None] | str | None = None,
     between: Sequence[str] | None = None,
     *,
-    pairs: Sequence[str | None] | None = None,
-    covariates: Covariates | None = None,
+    pairs: Sequence[str | None] | str | None = None,
+    covariates: Covariates | Sequence[str] | None = None,
     complete_cases: bool = False,
     alignment: _Alignment | Sequence[_Alignment] = _BOTH,
     modes: int | None = None,
@@ -85,17 +87,18 @@ def compare_groups(
 
     Parameters
     ----------
-    particles : (M, N, 3) array_like
-        Corresponding points [mm], such as `Correspondence.aligned`.
-    groups : sequence of str or None, or pandas.Series
-        Group of each of the M subjects.
+    particles : Correspondence, Project, path of a project, or (M, N, 3) array_like
+        Corresponding points of the M subjects [mm].
+    groups : sequence of str or None, or pandas.Series, or str, optional
+        Group of each of the M subjects, or the column of a result that has them; by default its groups.
     between : sequence of str, optional
         Two or more groups to compare; differences are relative to the first. By default all, in order of
         appearance. Subjects of other groups, or of none, are excluded.
     pairs : sequence of str or None, optional
         For two groups, the pair of each of the M subjects, such as the patient of a left and a right bone:
-        tests the differences within pairs, as ``homolog analyze --pairs``. Unpaired subjects are excluded.
-    covariates : pandas.DataFrame or mapping of str to sequence, optional
+        tests the differences within pairs, as ``homolog analyze --pairs``; or the column of a result that has
+        it. Unpaired subjects are excluded.
+    covariates : pandas.DataFrame or mapping of str to sequence, or names of a result's columns, optional
         Covariates to adjust for, with M numbers or texts each, such as ``{"age": ages}``. If a name ends in
         ``:c``, such as ``site:c``, its numbers are codes of categories.
     complete_cases : bool
@@ -150,15 +153,17 @@ def compare_groups(
     """
     if isinstance(pairs, tuple | list) and any(isinstance(pair, tuple | list) for pair in pairs):
         raise InputError("pairs: give the name of each subject's pair; `between` chooses the groups")
-    if isinstance(between, str):
+    if isinstance(between, str) or not (between is None or isinstance(between, Iterable)):
         raise InputError(f"between={between!r}: give two or more groups")
-    given = columns_of(covariates, names)
-    column, pairing = _unused("groups", given), _unused("pairs", given)
-    labels = [None if group is None else str(group) for group in column_of(groups, names, "groups")]
-    columns = {column: labels, **given}
+    subjects = _Subjects.of(particles, names)
+    given = subjects.covariates(covariates)
+    groups = "group" if groups is None and subjects.columns else groups
+    values, pairing = subjects.column(groups, "groups"), _unused("pairs", given)
+    column = groups if isinstance(groups, str) else _unused("groups", given)
+    columns = {column: [None if group is None or group == "" else str(group) for group in values], **given}
     if pairs is not None:
-        columns[pairing] = column_of(pairs, names, "pairs")
-    sample = Sample.of_arrays(particles, columns, names)
+        columns[pairing] = subjects.column(pairs, "pairs")
+    sample = subjects.sample(columns)
     order = tuple(between) if between is not None else tuple(levels(sample.column(column)))
     question = {
         "kind": "groups" if pairs is None else "pairs",
@@ -171,16 +176,17 @@ def compare_groups(
         "permutations": permutations,
         "seed": random_state,
     }
+    subjects.refuse_unusable("give its aligned particles (aligned)")
     return _comparisons(sample, alignment, callback, question)
 
 
 @overload
 def regress(
-    particles: ArrayLike,
-    values: Sequence[float] | Array,
+    particles: _Shapes,
+    values: Sequence[float] | Array | str,
     name: str = "variable",
     *,
-    covariates: Covariates | None = None,
+    covariates: Covariates | Sequence[str] | None = None,
     complete_cases: bool = False,
     alignment: _Alignment,
     modes: int | None = None,
@@ -193,11 +199,11 @@ def regress(
 
 @overload
 def regress(
-    particles: ArrayLike,
-    values: Sequence[float] | Array,
+    particles: _Shapes,
+    values: Sequence[float] | Array | str,
     name: str = "variable",
     *,
-    covariates: Covariates | None = None,
+    covariates: Covariates | Sequence[str] | None = None,
     complete_cases: bool = False,
     alignment: tuple[_Alignment, ...] | list[_Alignment] = _BOTH,
     modes: int | None = None,
@@ -209,11 +215,11 @@ def regress(
 
 
 def regress(
-    particles: ArrayLike,
-    values: Sequence[float] | Array,
+    particles: _Shapes,
+    values: Sequence[float] | Array | str,
     name: str = "variable",
     *,
-    covariates: Covariates | None = None,
+    covariates: Covariates | Sequence[str] | None = None,
     complete_cases: bool = False,
     alignment: _Alignment | Sequence[_Alignment] = _BOTH,
     modes: int | None = None,
@@ -226,13 +232,13 @@ def regress(
 
     Parameters
     ----------
-    particles : (M, N, 3) array_like
-        Corresponding points [mm], such as `Correspondence.aligned`.
-    values : (M,) sequence of float
-        Value of each subject, such as its age.
+    particles : Correspondence, Project, path of a project, or (M, N, 3) array_like
+        Corresponding points of the M subjects [mm].
+    values : (M,) sequence of float, or str
+        Value of each subject, such as its age, or the column of a result that has them.
     name : str
-        Name of the variable, for titles and messages.
-    covariates : mapping of str to sequence, optional
+        Name of the variable, for titles and messages; a column of a result has its own.
+    covariates : pandas.DataFrame or mapping of str to sequence, or names of a result's columns, optional
         Covariates to adjust for, as in `compare_groups`.
     complete_cases : bool
         Whether subjects with missing values are excluded and counted in the result's `notes`, instead of
@@ -282,8 +288,10 @@ def regress(
     >>> form.title, int(np.argmin(form.p_fwe))
     ('age', 7)
     """
-    given = columns_of(covariates, names)
-    sample = Sample.of_arrays(particles, {name: column_of(values, names, repr(name)), **given}, names)
+    subjects = _Subjects.of(particles, names)
+    name = values if isinstance(values, str) and subjects.columns else name
+    given = subjects.covariates(covariates)
+    sample = subjects.sample({name: subjects.column(values, repr(name)), **given})
     question = {
         "kind": "regression",
         "column": name,
@@ -293,6 +301,7 @@ def regress(
         "permutations": permutations,
         "seed": random_state,
     }
+    subjects.refuse_unusable("give its aligned particles (aligned)")
     return _comparisons(sample, alignment, callback, question)
 
 
@@ -392,34 +401,73 @@ def compare(
         seed=random_state,
     )
     columns = None if data is None else columns_of(data, what="data")
-    if isinstance(result, str | PathLike):
-        result = Project(result)
-    model = None
-    if hasattr(result, "aligned"):
-        model = cast("Correspondence | Project", result)
-        given: Covariates = {
-            **{name: list(values) for name, values in model.covariates.items()},
-            "group": [group or "" for group in model.groups],
-        }
-        if columns is not None:
-            rows = matched_rows(model.names, columns, getattr(data, "index", None))
+    subjects = _Subjects.of(result)
+    given = dict(subjects.columns)
+    if columns is not None:
+        given = dict(columns)
+        if subjects.names is not None:
+            rows = matched_rows(subjects.names, columns, getattr(data, "index", None))
             given = {name: [values[row] for row in rows] for name, values in columns.items()}
-        sample = Sample.of_arrays(model.aligned, given, model.names)
-        sample = replace(sample, own_size=at_own_size(model.aligned, model.alignments))
-    elif columns is None:
+    elif not given:
         raise InputError("data: give the columns of the formula, one value for each shape")
-    else:
-        sample = Sample.of_arrays(result, columns)
+    sample = subjects.sample(given)
     design_of(sample, question)  # refuses before anything is computed
-    if model is not None and not anyway and model.verdict.word is Word.UNUSABLE:
-        raise InputError(
-            f"the model is not usable. {model.verdict.cause} {model.verdict.remedy} To use it all the same, "
-            "add the option anyway"
-        )
+    if not anyway:
+        subjects.refuse_unusable("add the option anyway")
     answer = ask_formula(sample, question, tick_of(callback))
     if out is not None:
-        answer.write(Path(out))
+        answer.write(path_of(out, "out"))
     return answer
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Subjects:
+    """Shapes that a user gives, with the columns of a result."""
+
+    particles: ArrayLike
+    names: Sequence[str] | None
+    columns: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    model: Correspondence | Project | None = None
+
+    @classmethod
+    def of(cls, given: _Shapes, names: Sequence[str] | None = None) -> Self:
+        """Return the shapes of a result, a project or an array."""
+        model: Any = Project(given) if isinstance(given, str | PathLike) else given
+        if not hasattr(model, "aligned"):
+            return cls(model, names)
+        columns = {name: list(values) for name, values in model.covariates.items()}
+        return cls(
+            model.aligned, model.names, columns | {"group": [item or "" for item in model.groups]}, model
+        )
+
+    def column(self, values: object, what: str) -> Sequence[Any]:
+        """Return the values that are given, or those of the column of a result that is named."""
+        if not (isinstance(values, str) and self.columns):
+            return column_of(values, self.names, what)
+        if values not in self.columns:
+            raise InputError(f"{what}: there is no column {values!r}; columns are {', '.join(self.columns)}")
+        return self.columns[values]
+
+    def covariates(self, given: Covariates | Sequence[str] | None) -> dict[str, Sequence[Any]]:
+        """Return columns that are given, or those of a result that are named."""
+        if self.columns and isinstance(given, str | list | tuple):
+            names = [given] if isinstance(given, str) else given
+            return {name: self.column(plain_name(name), "covariates") for name in names}
+        return columns_of(given, self.names)
+
+    def sample(self, columns: Mapping[str, Sequence[Any] | Array]) -> Sample:
+        """Return the shapes with columns."""
+        sample = Sample.of_arrays(self.particles, columns, self.names)
+        if self.model is None:
+            return sample
+        return replace(sample, own_size=at_own_size(self.model.aligned, self.model.alignments))
+
+    def refuse_unusable(self, remedy: str) -> None:
+        """Refuse a result whose verdict is *not usable*."""
+        if self.model is not None and (verdict := self.model.verdict).word is Word.UNUSABLE:
+            raise InputError(
+                f"the model is not usable. {verdict.cause} {verdict.remedy} To use it all the same, {remedy}"
+            )
 
 
 def _unused(name: str, covariates: Mapping[str, object]) -> str:
@@ -434,6 +482,8 @@ def _comparisons(
     question: Mapping[str, Any],
 ) -> Comparison | tuple[Comparison, ...]:
     """Return the comparison for one alignment, or one for each of several."""
+    if not isinstance(alignment, str | Iterable):
+        raise InputError(f"alignment={alignment!r}: choose form, shape or as-it-lies")
     requested = questions((alignment,) if isinstance(alignment, str) else tuple(alignment), **question)
     tick, done = tick_of(callback), list[Comparison]()
     for index, item in enumerate(requested):

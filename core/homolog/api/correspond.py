@@ -32,11 +32,11 @@ from homolog.io.project import ProjectFolder
 from homolog.io.records import note_lines
 from homolog.io.results import surface_file
 from homolog.parameters import fault_text
-from homolog.progress import no_tick
+from homolog.progress import no_tick, tick_of
 from homolog.registration import check_sides
 from homolog.run.choose_core import outline
 from homolog.run.control import Control
-from homolog.run.events import FinishReason, Observer, Phase, RunStatus
+from homolog.run.events import FinishReason, Phase
 from homolog.run.grow import grow
 from homolog.run.result import OptimizationOutcome, model_of, write_result
 from homolog.run.steps import prepare_inputs, run_optimization
@@ -282,7 +282,8 @@ def correspond(
     if grows := size is not None and size < len(cohort.subjects):
         control.expect_fits()
     if callback is not None:
-        control.observer = _observer(callback)
+        tick = tick_of(callback)
+        control.observer = lambda status: tick(status.fraction, status.message)
     control.enter(Phase.READING, "reading")
     readings: dict[str, Reading] = {}
     keys: dict[str, str] = {}
@@ -371,13 +372,6 @@ def run_settings(given: dict[str, Any], n_particles: int, device: str, workers: 
             for fault in error.errors()
         ]
         raise InputError("\n".join(lines)) from error
-
-
-def _observer(callback: Callback) -> Observer:
-    def observe(status: RunStatus) -> None:
-        callback(status.fraction, status.message)
-
-    return observe
 
 
 def _executor(workers: int) -> AbstractContextManager[Executor]:

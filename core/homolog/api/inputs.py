@@ -249,7 +249,7 @@ def columns_of(
 
 def column_of(values: Any, names: Sequence[str] | None, what: str) -> Sequence[Any]:  # noqa: ANN401
     """Return a sequence, or the values of a pandas Series in the order of the names, as `columns_of` does."""
-    if isinstance(values, str) or not hasattr(values, "__len__"):
+    if isinstance(values, str) or not hasattr(values, "__len__") or hasattr(values, "columns"):
         raise InputError(f"{what}: give a value for each subject, not {type(values).__name__}")
     if not hasattr(values, "notna"):
         return values  # type: ignore[no-any-return]

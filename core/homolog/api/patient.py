@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
-from pathlib import Path
 
 from homolog.api.inputs import cohort_of
 from homolog.api.project import Project
-from homolog.errors import InputError
+from homolog.errors import InputError, path_of
 from homolog.grooming import GroomedSubject, groom_subject
 from homolog.grooming.subject import check_source, groom
 from homolog.io.project import ProjectFolder
@@ -72,7 +71,7 @@ def make_reference(
             f"make_reference needs a project, not {type(project).__name__}; save the correspondence first"
         )
     return _make(
-        ProjectFolder(Path(folder)),
+        ProjectFolder(path_of(folder, "project")),
         group=group,
         adjust=adjust,
         pairs=pairs,

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from os import PathLike
-from pathlib import Path
 from typing import Literal
 
 from homolog.api.project import Project
 from homolog.comparison.plan import Plan, plan_project
 from homolog.comparison.question import alignment_of
+from homolog.errors import path_of
 from homolog.io.project import ProjectFolder
 from homolog.progress import tick_of
 
@@ -73,7 +73,7 @@ def plan(
     InputError
         If the project has no result, the pilot is too small, or a value is invalid.
     """
-    folder = project.folder if isinstance(project, Project) else Path(project)
+    folder = project.folder if isinstance(project, Project) else path_of(project, "project")
     return plan_project(
         ProjectFolder(folder),
         effect,

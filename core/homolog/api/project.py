@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from homolog.api.mean_shape import HasMeanShape, MeanShape
 from homolog.arrays import FloatArray
-from homolog.errors import InputError
+from homolog.errors import InputError, path_of
 from homolog.inspection.verdict import Verdict, read_verdict
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ResultRecord
@@ -76,7 +76,7 @@ class Project(HasMeanShape):
     notes: tuple[str, ...]
 
     def __init__(self, folder: str | PathLike[str]) -> None:
-        self.folder = Path(folder)
+        self.folder = path_of(folder, "project")
         self._folder = ProjectFolder(self.folder)
         result = read_result(self._folder)
         columns = dict.fromkeys(column for own in result.columns for column in own)

@@ -6,6 +6,7 @@ from os import PathLike
 from pathlib import Path
 
 from homolog.api.project import Project
+from homolog.errors import path_of
 from homolog.inspection.verdict import refuse_unusable
 from homolog.io.project import ProjectFolder
 from homolog.progress import tick_of
@@ -53,7 +54,7 @@ def report(
     InputError
         If there is no result or it is not usable, or the folder can't be written to.
     """
-    folder = ProjectFolder(Path(project))
+    folder = ProjectFolder(path_of(project, "project"))
     with folder.locked(new=False):
         opened = Project(project)
         if not anyway:

@@ -28,7 +28,7 @@ from homolog.cohort.subject import (
 )
 from homolog.cohort.table import TableChanges, with_table, with_values_of
 from homolog.cohort.unread import remedy_for
-from homolog.errors import InputError
+from homolog.errors import InputError, path_of
 from homolog.spreadsheets import TABLE_SUFFIXES
 
 __all__ = [
@@ -124,7 +124,9 @@ def read_cohort(
     ...     [(subject.name, subject.group) for subject in hl.read_cohort(folder).subjects]
     [('anna', 'patient'), ('bert', 'control')]
     """
-    path = Path(path)
+    path = path_of(path)
+    if not isinstance(pattern, str | None):
+        raise InputError(f"pattern: give a text such as {{subject}}.nrrd, not {type(pattern).__name__}")
     if pattern is not None and not path.is_dir():
         raise InputError(f"{path}: is not a folder; a pattern needs the folder of the files")
     if path.is_dir():
@@ -143,7 +145,7 @@ def read_cohort(
     ]
     if repeated:
         raise InputError(f"{path}: several subjects are named {', '.join(repeated)}; give each its own name")
-    cohort = cohort if table is None else with_values(cohort, Path(table))
+    cohort = cohort if table is None else with_values(cohort, path_of(table, "table"))
     cohort = declared_missing(cohort, missing)
     return replace(cohort, notes=(*cohort.notes, *notes_on_numbers(cohort.subjects)))
 

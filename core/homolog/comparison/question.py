@@ -202,4 +202,5 @@ def questions(alignments: Sequence[str], **given: Any) -> tuple[Question, ...]: 
         return tuple(Question.model_validate({**given, "alignment": item}) for item in alignments)
     except ValidationError as error:
         first = error.errors()[0]
-        raise InputError(f"{first['loc'][0]} {first['input']}: {fault_text(first)}") from error
+        name = {"seed": "random_state"}.get(str(first["loc"][0]), first["loc"][0])
+        raise InputError(f"{name} {first['input']}: {fault_text(first)}") from error

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Number
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -104,6 +105,8 @@ class Sample:
             is_sequence = hasattr(values, "__len__") and not isinstance(values, str)
             if not is_sequence or getattr(values, "ndim", 1) != 1 or any(map(np.ndim, values)):
                 raise InputError(f"{title!r}: must be a sequence of values, one for each subject")
+            if not all(value is None or isinstance(value, str | Number | np.bool_) for value in values):
+                raise InputError(f"{title!r}: must be numbers or texts; give years or months for dates")
             if len(values) != len(shapes):
                 raise InputError(
                     f"{title!r}: {len(values)} values for {len(shapes)} subjects; give one for each"

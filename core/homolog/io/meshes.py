@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from homolog.arrays import Array, FloatArray, IntArray
-from homolog.errors import InputError
+from homolog.errors import InputError, path_of
 from homolog.io.atomic import atomic_write, write_text
 from homolog.io.brain_surfaces import read_freesurfer, read_gifti
 from homolog.io.ply import read_ply, write_ply
@@ -92,7 +92,7 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     ...     hl.read_mesh(f"{folder}/corner.ply")
     TriangleMesh(4 vertices, 4 faces)
     """
-    path = Path(path)
+    path = path_of(path)
     packed = path.suffix.lower() == ".gz" and path.with_suffix("").suffix.lower() in _PACKED
     reader = _READERS.get((path.with_suffix("") if packed else path).suffix.lower())
     if reader is None:
@@ -188,15 +188,20 @@ def write_mesh(
     """
     if not isinstance(mesh, TriangleMesh):
         raise InputError(f"{path}: the mesh must be a TriangleMesh, not {type(mesh).__name__}")
-    path = Path(path)
-    suffix = path.suffix.lower()
+    path = path_of(path)
+    suffix, point_data = (
+        path.suffix.lower(),
+        {name: np.asarray(data) for name, data in (point_data or {}).items()},
+    )
+    if wrong := [name for name, data in point_data.items() if data.shape[:1] != mesh.vertices.shape[:1]]:
+        raise InputError(f"{path}: {wrong[0]} needs a value for each of {len(mesh.vertices)} vertices")
     if point_data and suffix in (".stl", ".obj"):
         raise InputError(f"{path}: {suffix} files can't store values at vertices; use .vtp or .ply")
     if suffix == ".ply":
-        write_ply(path, mesh, point_data or {}, _LPS_HEADER)
+        write_ply(path, mesh, point_data, _LPS_HEADER)
         return
     if suffix == ".vtp":
-        write_vtp(path, mesh, point_data or {}, "LPS")
+        write_vtp(path, mesh, point_data, "LPS")
         return
     if suffix == ".obj":
         _write_obj(path, mesh)
@@ -204,7 +209,7 @@ def write_mesh(
     writer = _writer(path)
     for item in (writer, writer.GetExecutive()):
         item.AddObserver("ErrorEvent", lambda *_: None)  # an observer prevents printing
-    writer.SetInputData(_as_polydata(mesh, point_data or {}))
+    writer.SetInputData(_as_polydata(mesh, point_data))
     writer.SetHeader(_LPS_HEADER)
     writer.SetFileTypeToBinary()
     with atomic_write(path) as part:

@@ -5,7 +5,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from scipy import stats
 
 from homolog import __version__
 from homolog.arrays import FloatArray, frozen
-from homolog.errors import InputError
+from homolog.errors import InputError, path_of
 from homolog.io.arrays import read_arrays, write_arrays
 from homolog.patient.change import ExpectedChange
 from homolog.patient.coding import Coding
@@ -251,7 +250,7 @@ class Reference:
         }
         optional = {name: getattr(self, name) for name in ("scores", "mirrored", "borders")}
         kept = {name: array for name, array in optional.items() if array is not None}
-        write_arrays(Path(path), {**self._arrays(), **kept, "record": np.array(json.dumps(record))})
+        write_arrays(path_of(path), {**self._arrays(), **kept, "record": np.array(json.dumps(record))})
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "Reference":
@@ -263,9 +262,9 @@ class Reference:
             If the file is missing, damaged, not a reference, of a newer version, or of an older one that
             lacks required data.
         """
-        if Path(path).is_dir():
+        if path_of(path).is_dir():
             raise InputError(f"{path}: is a folder; give a file that homolog reference wrote")
-        stored = read_arrays(Path(path), "copy it again, or make it again (homolog reference)")
+        stored = read_arrays(path_of(path), "copy it again, or make it again (homolog reference)")
         if "record" not in stored:
             raise InputError(f"{path}: is not a reference; give a file that homolog reference wrote")
         record: dict[str, Any] = {}
@@ -379,5 +378,5 @@ def _are_ratios(values: FloatArray, count: int) -> bool:
 
 def check_name(path: str | PathLike[str]) -> None:
     """Raise InputError if a file's name is not that of a reference."""
-    if Path(path).suffix != SUFFIX:
+    if path_of(path).suffix != SUFFIX:
         raise InputError(f"{path}: a reference is written as {SUFFIX}; choose such a name")

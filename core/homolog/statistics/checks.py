@@ -40,6 +40,8 @@ def checked_particles(particles: ArrayLike, names: Sequence[str] | None = None) 
         ) from error
     if array.ndim != 3 or array.shape[2] != 3 or array.shape[1] == 0:
         raise InputError(f"particles need an array of shape (subjects, particles, 3), not {array.shape}")
+    if names is not None and (isinstance(names, str) or not hasattr(names, "__len__")):
+        raise InputError(f"names: give the name of each subject, not {type(names).__name__}")
     if names is not None and len(names) != len(array):
         raise InputError(f"names: {len(names)} given for {len(array)} subjects; give one for each")
     if len(array) < 2:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
-from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -12,7 +11,7 @@ from scipy import linalg
 from scipy.sparse.linalg import eigsh
 
 from homolog.arrays import ArrayLike, FloatArray, data_frame, frozen, html_of
-from homolog.errors import InputError
+from homolog.errors import InputError, path_of
 from homolog.io.arrays import read_arrays, write_arrays
 from homolog.statistics.checks import checked_particles, finite_numbers
 from homolog.statistics.procrustes import align, rms_radii, superimposed
@@ -401,10 +400,10 @@ class ShapeModel:
             If the name has another suffix, or the file can't be written.
         """
         self._check_is_fitted()
-        if Path(path).suffix != ".npz":
+        if path_of(path).suffix != ".npz":
             raise InputError(f"{path}: a shape model is written as .npz; choose such a name")
         kept = _STORED if self.scaling else _STORED[:-1]
-        write_arrays(Path(path), {name: getattr(self, f"{name}_") for name in kept})
+        write_arrays(path_of(path), {name: getattr(self, f"{name}_") for name in kept})
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
@@ -424,7 +423,7 @@ class ShapeModel:
         InputError
             If the file is missing, damaged, or contains no shape model.
         """
-        stored = read_arrays(Path(path), _GIVE)
+        stored = read_arrays(path_of(path), _GIVE)
         try:
             arrays: dict[str, Any] = {name: stored[name] for name in _STORED if name in stored}
             model = cls.from_arrays(**arrays)

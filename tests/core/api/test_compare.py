@@ -1,9 +1,12 @@
 """Comparisons in one call: the same as those of the analysis, for any number of groups."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import homolog as hl
+from homolog.inspection.verdict import Word
 from homolog.statistics.comparison import Options
 from homolog.statistics.design import covariate_columns
 from homolog.statistics.studies import compare_two_groups, regress
@@ -128,6 +131,39 @@ def test_a_pair_of_groups_may_lack_categories_that_others_have():
 def test_what_can_not_be_compared_is_refused(shapes, arguments, fault):
     with pytest.raises(hl.InputError, match=fault):
         hl.compare_groups(shapes, arguments.pop("groups", GROUPS), **(QUICK | arguments))
+
+
+@pytest.fixture
+def result(shapes):
+    """Return what `hl.compare_groups` needs of a result or project."""
+    return SimpleNamespace(
+        aligned=shapes,
+        alignments=np.tile(np.eye(4), (18, 1, 1)),
+        names=tuple("ABCDEFGHIJKLMNOPQR"),
+        groups=tuple(GROUPS),
+        covariates={"age": [f"{age:.3f}" for age in AGES], "centre": 9 * ["x", "y"]},
+        verdict=SimpleNamespace(word=Word.SOUND, cause="", remedy=""),
+    )
+
+
+def test_a_result_brings_its_groups_and_covariates(shapes, result):
+    ages = {"age": np.round(AGES, 3)}
+    own = hl.compare_groups(result, between=("a", "b"), covariates=["age"], **FORM)
+    assert own.p_adjusted == hl.compare_groups(shapes, GROUPS, ("a", "b"), covariates=ages, **FORM).p_adjusted
+    assert hl.compare_groups(result, "centre", **FORM).title == "y - x"
+    older = hl.regress(result, "age", **FORM)
+    assert (older.title, older.p_adjusted) == (
+        "age",
+        hl.regress(shapes, np.round(AGES, 3), **FORM).p_adjusted,
+    )
+    with pytest.raises(hl.InputError, match=r"no column 'sex'; columns are age, centre, group"):
+        hl.compare_groups(result, covariates=["sex"], **FORM)
+
+
+def test_a_result_that_is_not_usable_is_not_compared(result):
+    result.verdict.word = Word.UNUSABLE
+    with pytest.raises(hl.InputError, match="not usable"):
+        hl.compare_groups(result, **FORM)
 
 
 def test_regressions_are_those_of_the_analysis():

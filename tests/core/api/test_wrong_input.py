@@ -1,6 +1,7 @@
 """What a script may give by mistake is refused as an InputError, a ValueError, and never becomes NaN."""
 
 import numpy as np
+import pandas
 import pytest
 
 import homolog as hl
@@ -80,3 +81,50 @@ def test_only_a_mesh_is_written_as_one(tmp_path, other):
 def test_a_reference_is_made_of_a_project():
     with pytest.raises(hl.InputError, match="int"):
         hl.make_reference(3)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: hl.read_mesh(None),
+        lambda: hl.read_cohort(3),
+        lambda: hl.Project(3),
+        lambda: hl.ShapeModel.load(3),
+        lambda: hl.analyze(3),
+        lambda: hl.report(None),
+    ],
+)
+def test_a_path_is_a_path(call):
+    with pytest.raises(hl.InputError, match="give the path of a file or folder, not"):
+        call()
+
+
+GROUPS = 4 * ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: hl.compare_groups(SHAPES, GROUPS, 3.0), "between=3.0"),
+        (lambda: hl.compare_groups(SHAPES, GROUPS, alignment=3), "alignment=3"),
+        (lambda: hl.compare_groups(SHAPES, GROUPS, callback=3), "callback"),
+        (lambda: hl.compare_groups(SHAPES, GROUPS, random_state="x"), "random_state x"),
+        (
+            lambda: hl.compare_groups(SHAPES, GROUPS, covariates={"born": np.arange(8).astype("M8[D]")}),
+            "'born': must be numbers or texts",
+        ),
+        (lambda: hl.regress(SHAPES, pandas.DataFrame({"a": range(8), "b": range(8)})), "not DataFrame"),
+        (lambda: hl.ShapeModel().fit(SHAPES, names=5), "names"),
+        (lambda: hl.read_cohort(".", pattern=3), "pattern"),
+    ],
+)
+def test_arguments_of_a_wrong_type_are_named(call, message):
+    with pytest.raises(hl.InputError, match=message):
+        call()
+
+
+def test_a_mesh_is_written_with_a_value_for_each_vertex(tmp_path):
+    mesh = hl.TriangleMesh(np.eye(3), TRIANGLE)
+    with pytest.raises(hl.InputError, match="3 vertices"):
+        hl.write_mesh(tmp_path / "mesh.vtp", mesh, {"heat": [1.0, 2.0]})
+    hl.write_mesh(tmp_path / "mesh.vtp", mesh, {"heat": [1.0, 2.0, 3.0]})
