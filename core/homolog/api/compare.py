@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Literal, Self, overload
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, overload
 
 from homolog.api.inputs import column_of, columns_of
 from homolog.api.project import Project
@@ -23,7 +23,7 @@ from homolog.statistics.comparison import Comparison
 if TYPE_CHECKING:
     from homolog.api.correspond import Correspondence
 
-    _Shapes = Correspondence | Project | str | PathLike[str] | ArrayLike
+    _Shapes: TypeAlias = Correspondence | Project | str | PathLike[str] | ArrayLike
 
 __all__ = ["compare", "compare_groups", "regress"]
 
@@ -306,7 +306,7 @@ def regress(
 
 
 def compare(
-    result: Correspondence | Project | str | PathLike[str] | ArrayLike,
+    result: _Shapes,
     formula: str,
     data: Mapping[str, Sequence[str | float | None] | Array] | None = None,
     *,
