@@ -1,12 +1,13 @@
 """Which bumps and thinned walls homolog patient finds on real shapes, by size and number of controls.
 
     python tests/benchmarks/patient_lesions.py PROJECT [--group VALUE] [--controls 10 20 33] [--draws 5]
+        [--lesions 1]
 
 Each subject of PROJECT is fitted to the model of all others, as it is and with one lesion at a time: a
 Gaussian bump on a random place of the outer side (height, full width at half maximum), or a wall that is
-thinned from the inside (share of its thickness, width). Norm and limit come from the healthy maps of controls
-drawn from the others. A lesion is found if a place beyond the limit lies within half its width (at least
-4 mm) of its centre. Prints a table in Markdown.
+thinned from the inside (share of its thickness, width); `--lesions` of each kind. Norm and limit come from
+the healthy maps of controls drawn from the others. A lesion is found if a place beyond the limit lies within
+half its width (at least 4 mm) of its centre. Prints a table in Markdown.
 """
 
 import argparse
@@ -67,7 +68,7 @@ def with_lesion(
     return TriangleMesh(vertices, mesh.faces), vertices[centre]
 
 
-def fitted(controls: Controls, random: np.random.Generator) -> tuple[np.ndarray, list[Tried]]:
+def fitted(controls: Controls, lesions: int, random: np.random.Generator) -> tuple[np.ndarray, list[Tried]]:
     """Return the maps of all subjects (2, M, V), each left out, and those of their lesions."""
     count, none = len(controls.names), np.zeros(0)
     columns = np.zeros((count, 0))
@@ -78,7 +79,7 @@ def fitted(controls: Controls, random: np.random.Generator) -> tuple[np.ndarray,
         model = SurfaceModel.fit(controls.points[others], columns[others], modes, controls.surface.faces)
         fit = fit_surface(model, mesh, simplified(mesh, COARSE_VERTICES), none)
         healthy.append(local_maps(model, fit, mesh))
-        for kind, size, width in LESIONS:
+        for kind, size, width in LESIONS * lesions:
             changed, centre = with_lesion(mesh, kind, size, width, random)
             own = fit_surface(model, changed, simplified(changed, COARSE_VERTICES), none, pose=fit.pose)
             normals = model.surface(own.expected).vertex_normals
@@ -128,13 +129,14 @@ def main() -> None:
     parser.add_argument("--group")
     parser.add_argument("--controls", type=int, nargs="+", default=[10, 20, 33])
     parser.add_argument("--draws", type=int, default=5)
+    parser.add_argument("--lesions", type=int, default=1, help="of each kind, in each subject")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     project = ProjectFolder(arguments.project)
     result = read_result(project)
     chosen = [i for i, group in enumerate(result.groups) if arguments.group in (None, group)]
     controls = read_controls(project, result, chosen)
-    healthy, tried = fitted(controls, np.random.default_rng(arguments.seed))
+    healthy, tried = fitted(controls, arguments.lesions, np.random.default_rng(arguments.seed))
     numbers = [number for number in arguments.controls if number < len(chosen)] or [len(chosen) - 1]
     table = [report(healthy, tried, controls.surface.faces, number, arguments.draws) for number in numbers]
     heads = [f"found with {number} controls (%)" for number in numbers]

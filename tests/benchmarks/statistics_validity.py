@@ -1,6 +1,7 @@
 """Type I error rate and power of the default tests, by simulation, also where assumptions fail.
 
-    python tests/benchmarks/statistics_validity.py [--repeats 1000] [--jobs 2] [--only WORD ...] [--out FILE]
+    python tests/benchmarks/statistics_validity.py [--repeats 1000] [--jobs 2] [--only WORD ...] [--seed N]
+        [--out FILE]
 
 Shapes are particles on a sphere of 30 mm with noise that is correlated over the surface (correlation length
 15 mm, 1 mm) and white (0.1 mm). Each test is asked of shapes without an effect: it should call 5 % of the
@@ -182,9 +183,9 @@ def plain(rows: np.ndarray, hypothesis: Hypothesis, seed: int) -> float:
     return float(p_values(np.array(null[0]), np.array(null[1:])))
 
 
-def measured(study: str, effect: float, repeat: int) -> list[float]:
+def measured(study: str, effect: float, repeat: int, root: int) -> list[float]:
     """Return p of each test, whether a caution is given, and whether the interval of size holds the truth."""
-    generator = np.random.default_rng([7, crc32(study.encode()), repeat, int(effect > 0.0)])
+    generator = np.random.default_rng([root, crc32(study.encode()), repeat, int(effect > 0.0)])
     data, hypothesis, members = STUDIES[study](generator)
     unit = hypothesis.columns[:, :1]
     if study.startswith("small"):
@@ -209,11 +210,11 @@ def measured(study: str, effect: float, repeat: int) -> list[float]:
     return [*p, np.nan if spread is None else float(spread.p <= ALPHA), covered]
 
 
-def block(task: tuple[str, float, int, int]) -> list[list[float]]:
+def block(task: tuple[str, float, int, int, int]) -> list[list[float]]:
     """Return the results of some repeats of a study."""
-    study, effect, first, last = task
+    study, effect, first, last, root = task
     with blas_threads(1):
-        return [measured(study, effect, repeat) for repeat in range(first, last)]
+        return [measured(study, effect, repeat, root) for repeat in range(first, last)]
 
 
 def _alone() -> None:
@@ -231,6 +232,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=1000)
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--only", nargs="+", default=[""], help="studies with one of these words")
+    parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--out", type=Path, help="file of the table, written besides")
     options = parser.parse_args()
     studies = [study for study in STUDIES if any(word in study for word in options.only)]
@@ -238,7 +240,7 @@ def main() -> None:
     for study in studies:
         for effect in (0.0, LARGE if study.startswith("small") else EFFECT):
             count = options.repeats if not effect else max(options.repeats // 4, BLOCK)
-            tasks += [(study, effect, k, min(k + BLOCK, count)) for k in range(0, count, BLOCK)]
+            tasks += [(study, effect, k, min(k + BLOCK, count), options.seed) for k in range(0, count, BLOCK)]
     lines = [
         f"| study | {' | '.join(TESTS)} | caution | interval | power: {' | '.join(TESTS)} |",
         "|---" * (2 * len(TESTS) + 3) + "|",

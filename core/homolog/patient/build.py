@@ -1,5 +1,6 @@
 """Building a reference from a finished project."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -261,6 +262,7 @@ def _provenance(
     project: ProjectFolder, record: ResultRecord, result: Result, chosen: Sequence[int], group: str | None
 ) -> Provenance:
     subjects: list[Any] = [record.subjects[index] for index in chosen]
+    groups = Counter(sorted(result.groups[index] or "of no group" for index in chosen))
     opposite = {"left": "right", "right": "left", "": ""}
     sides = {opposite[item.side] if item.is_mirrored else item.side for item in subjects}
     return Provenance(
@@ -274,4 +276,5 @@ def _provenance(
         particles=record.particles,
         groom=record.settings.groom,
         side=sides.pop() if len(sides) == 1 else "",
+        mixture=", ".join(f"{number} {name}" for name, number in groups.items()) if len(groups) > 1 else "",
     )

@@ -14,7 +14,7 @@ from homolog.patient.surface_model import SurfaceModel
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["check_fit", "check_unit", "unlike_controls_text"]
+__all__ = ["check_fit", "check_unit", "control_remarks"]
 
 _OTHER_SIZE = 3.0
 _UNITS = {"m": 1000.0, "cm": 10.0, "inches": 25.4, "micrometres": 0.001}
@@ -29,7 +29,18 @@ _UNCOVERED = 0.15
 only a part."""
 
 
-def unlike_controls_text(reference: Reference) -> str:
+def control_remarks(reference: Reference) -> list[str]:
+    """Return remarks on the controls: several groups, and controls that are unlike the others."""
+    remarks = []
+    if mixture := reference.provenance.mixture:
+        remarks.append(
+            f"controls are of several groups ({mixture}): differences between these widen the limits; make "
+            "the reference of one group"
+        )
+    return [*remarks, *filter(None, [_unlike_text(reference)])]
+
+
+def _unlike_text(reference: Reference) -> str:
     """Name the controls that are unlike the others, and how far they are from their fits; empty if none."""
     distances = [f"{value:.2f} mm" for value in reference.unlike_distances.tolist()]
     if not distances:
@@ -41,7 +52,7 @@ def unlike_controls_text(reference: Reference) -> str:
     return (
         f"{len(each)} of {len(reference.outside)} controls {verb} unlike the others "
         f"({', '.join(each)} from the fitted model, usually {usual:.2f} mm): limits are wide, and another "
-        "structure may not be recognized"
+        "structure may not be recognized; exclude subjects that are not controls"
     )
 
 

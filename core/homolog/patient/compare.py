@@ -13,7 +13,7 @@ from homolog.errors import InputError, NumericalError
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject, groom_subject
 from homolog.grooming.subject import AT_BORDER
-from homolog.patient.checks import check_fit, check_unit, unlike_controls_text
+from homolog.patient.checks import check_fit, check_unit, control_remarks
 from homolog.patient.controls import COARSE_VERTICES
 from homolog.patient.cut import CutFit, check_cut, distance_z, ends_of, fit_rest, flat_ends, flat_remarks
 from homolog.patient.distribution import Percentile, percentile
@@ -239,7 +239,7 @@ def compare_groomed(
     remarks += [
         *end_remarks,
         *_version_remarks(reference),
-        *filter(None, [unlike_controls_text(reference)]),
+        *control_remarks(reference),
         *side_remarks,
         *check_fit(groomed.name, reference, mesh, fit, measures, columns, checked, force=force),
         *check_cut(groomed.name, cut, measures.gap, reference, at_border=at_border, force=force),

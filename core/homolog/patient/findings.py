@@ -8,7 +8,7 @@ import numpy as np
 from homolog.arrays import BoolArray
 from homolog.errors import InputError, NumericalError
 from homolog.geometry import rms_radius
-from homolog.patient.checks import unlike_controls_text
+from homolog.patient.checks import control_remarks
 from homolog.patient.compare import PatientComparison
 from homolog.patient.distribution import Percentile
 from homolog.patient.follow_up import Change, FollowUp
@@ -101,8 +101,7 @@ def reference_text(reference: Reference) -> list[str]:
             f"{quality.limit_mm:.1f} mm are detected (size {size:.0f} mm); more controls or particles may "
             "help"
         )
-    if unlike := unlike_controls_text(reference):
-        lines.append(f"caution: {unlike}; see the run's notes, and exclude subjects that are not controls")
+    lines += [f"caution: {remark}" for remark in control_remarks(reference)]
     if reference.mirrored is not None and reference.side_limit is None:
         lines.append("the side can't be determined from the shape: controls fit about as well mirrored")
     if about.controls < 20:
@@ -247,7 +246,8 @@ def visible_rows(reference: Reference) -> list[tuple[str, ...]]:
 
     The first row is the head.
     """
-    widths = [float(f"{width:.2g}") for width in BEST_WIDTHS * reference.surface.mean_edge]
+    edges = [*BEST_WIDTHS, 2.0 * BEST_WIDTHS[-1]]
+    widths = [float(f"{width * reference.surface.mean_edge:.2g}") for width in edges]
     usual = reference.quality.limit_mm
     heights = [float(f"{factor * usual:.2g}") for factor in (0.5, 1.0, 2.0)]
     sizes = [

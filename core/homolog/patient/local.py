@@ -18,6 +18,7 @@ __all__ = [
     "BEST_WIDTHS",
     "KINDS",
     "LEVEL",
+    "BandNorm",
     "LocalNorm",
     "Region",
     "bands_of",
@@ -26,19 +27,18 @@ __all__ = [
     "prediction_limit",
     "regions",
     "scores_of",
-    "spreads_of",
 ]
 
 KINDS = 2
 """Maps: difference of the surface from the expected one [mm], and logarithm of the relative thickness."""
 _SURROUND = 16
-BANDS: tuple[tuple[int, int], ...] = ((2, 0), *((count, _SURROUND * count) for count in (2, 8, 32)))
+BANDS: tuple[tuple[int, int], ...] = ((2, 0), *((count, _SURROUND * count) for count in (2, 8)))
 """Rounds of averaging over neighbours, and rounds of the average of the surroundings, which predicts it.
 
 The standard deviation of n rounds is about 0.65 edges times the square root of n. The first band is the map
 itself, averaged over an edge. The others are relative to their surroundings, which are four times as wide:
-the finest is as wide as an edge, each further one twice as wide, until the surroundings extend over the
-radius of a sphere with as many vertices as the reference's surface."""
+the finest is as wide as an edge, the other one twice as wide. Wider differences are almost their own
+surroundings; the first band shows them."""
 _EDGES = 0.65
 _BEST = (np.sqrt(_SURROUND) - 1.0) / (np.sqrt(_SURROUND) + 1.0)
 BEST_GAINS: FloatArray = np.array([_BEST if wide else 1.0 for _, wide in BANDS])
@@ -49,7 +49,6 @@ BEST_WIDTHS: FloatArray = _EDGES * np.sqrt(
 """Full widths at half maximum of such bumps [edges]."""
 _OWN_SHARE = 0.5
 """Least ratio of the difference to a band's value; it excludes the surroundings of a bump."""
-_MEDIAN_NORMAL = 0.6745
 LEVEL = 0.05
 """Share of healthy people with a region beyond the limit."""
 
@@ -120,35 +119,41 @@ class LocalNorm:
         return z
 
 
-def spreads_of(z: FloatArray, seen: BoolArray | None = None) -> FloatArray:
-    """Return a subject's own standard deviation in each band (K, B, 1), from the median over the surface.
+@dataclass(frozen=True, slots=True, eq=False)
+class BandNorm(LocalNorm):
+    """Norm of bands (K, B, V), whose deviations are scaled to a common limit.
 
-    Subjects differ in how rough their surfaces are; a place stands out from its own surface.
-
-    Parameters
+    Attributes
     ----------
-    z : (K, B, V) array
-        Standardised bands.
-    seen : (V,) bool array, optional
-        Vertices that count.
+    roughness : (K, B, 1) array
+        Median absolute z of the surface of a typical control. Subjects differ in how rough their surfaces
+        are; a place stands out from its own surface.
     """
+
+    roughness: FloatArray
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("mean", "deviation", "roughness"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
+
+
+def _roughness(z: FloatArray, seen: BoolArray | None = None) -> FloatArray:
+    """Return the median absolute z (K, B, V) over the surface in each band, (K, B, 1)."""
     own = z if seen is None else z[..., seen]
-    spread: FloatArray = np.median(np.abs(own), axis=-1, keepdims=True) / _MEDIAN_NORMAL
-    return np.maximum(spread, 1e-9)
+    return np.maximum(np.median(np.abs(own), axis=-1, keepdims=True), 1e-9)
 
 
-def _scores_in_bands(
-    norm: LocalNorm, maps: FloatArray, usual: FloatArray, bands: FloatArray, seen: BoolArray | None = None
+def _counting(
+    norm: LocalNorm, maps: FloatArray, usual: FloatArray, bands: FloatArray, z: FloatArray
 ) -> FloatArray:
-    """Return z in units of the subject's own spread in each band, (K, B, V); 0 beside a bump."""
-    z = norm.standardised(bands)
-    z = z / spreads_of(z, seen)
+    """Return z (K, B, V), or 0 beside a bump, where a band's difference is not that of the map."""
     apart = bands - norm.mean
     return np.where(apart * (maps - usual)[:, None] >= _OWN_SHARE * np.square(apart), z, 0.0)
 
 
 def scores_of(
-    norm: LocalNorm, maps: FloatArray, usual: FloatArray, bands: FloatArray, seen: BoolArray | None = None
+    norm: BandNorm, maps: FloatArray, usual: FloatArray, bands: FloatArray, seen: BoolArray | None = None
 ) -> FloatArray:
     """Return the z of a subject's maps: at each vertex the most extreme one of all bands, (V,).
 
@@ -156,7 +161,7 @@ def scores_of(
 
     Parameters
     ----------
-    norm : LocalNorm
+    norm : BandNorm
         Norm of the bands, (K, B, V).
     maps : (K, V) array
         The subject's maps.
@@ -165,14 +170,16 @@ def scores_of(
     bands : (K, B, V) array
         Bands of the maps, from `bands_of`.
     seen : (V,) bool array, optional
-        Vertices that determine the subject's spread.
+        Vertices that determine the subject's roughness.
     """
-    z = _scores_in_bands(norm, maps, usual, bands, seen).reshape(-1, maps.shape[-1])
+    z = norm.standardised(bands)
+    z = _counting(norm, maps, usual, bands, z * norm.roughness / _roughness(z, seen))
+    z = z.reshape(-1, maps.shape[-1])
     chosen: FloatArray = np.take_along_axis(z, np.abs(z).argmax(axis=0)[None], axis=0)[0]
     return chosen
 
 
-def norm_and_maxima(maps: FloatArray, bands: FloatArray) -> tuple[LocalNorm, FloatArray]:
+def norm_and_maxima(maps: FloatArray, bands: FloatArray) -> tuple[BandNorm, FloatArray]:
     """Return the norm of the controls' bands, and each control's largest absolute z by the others (M,).
 
     Deviations of each band are scaled such that the limit of the controls' maxima is the same in all bands;
@@ -186,24 +193,23 @@ def norm_and_maxima(maps: FloatArray, bands: FloatArray) -> tuple[LocalNorm, Flo
         Bands of the maps, from `bands_of`.
     """
     everyone = np.arange(maps.shape[1])
-    extremes = []
+    ratios, roughness = [], []
     for index in everyone.tolist():
-        others = everyone != index
-        z = _scores_in_bands(
-            LocalNorm.of(bands[:, :, others]),
-            maps[:, index],
-            maps[:, others].mean(axis=1),
-            bands[:, :, index],
-        )
-        extremes.append(np.abs(z).max(axis=-1))
-    largest = np.maximum(np.stack(extremes), 1e-9)
+        others, own = everyone != index, bands[:, :, index]
+        norm = LocalNorm.of(bands[:, :, others])
+        z = norm.standardised(own)
+        roughness.append(_roughness(z))
+        counting = _counting(norm, maps[:, index], maps[:, others].mean(axis=1), own, z / roughness[-1])
+        ratios.append(np.abs(counting).max(axis=-1, keepdims=True))
+    typical = np.exp(np.log(np.stack(roughness)).mean(axis=0))
+    largest = np.maximum(np.stack(ratios) * typical, 1e-9)
     maxima = [(largest[index] / _scales(largest[everyone != index])).max() for index in everyone.tolist()]
-    norm = LocalNorm.of(bands)
-    return LocalNorm(norm.mean, norm.deviation * _scales(largest)[..., None]), np.array(maxima)
+    norm, scales = LocalNorm.of(bands), _scales(largest)
+    return BandNorm(norm.mean, norm.deviation * scales, typical / scales), np.array(maxima)
 
 
 def _scales(largest: FloatArray) -> FloatArray:
-    """Return the relative limits (K, B) of maxima (M, K, B) in the bands; their geometric mean is 1."""
+    """Return the relative limits (K, B, 1) of maxima (M, K, B, 1) in the bands; their geometric mean is 1."""
     logs = _log_bound(np.log(largest), LEVEL)
     scales: FloatArray = np.exp(logs - logs.mean())
     return scales
@@ -212,9 +218,9 @@ def _scales(largest: FloatArray) -> FloatArray:
 def prediction_limit(maxima: FloatArray, level: float = 0.05) -> float:
     """Return the limit that a new subject's maximum exceeds with a probability of `level`.
 
-    With at least ``1 / level - 1`` values it is an order statistic, valid for any distribution (Vovk et al.
-    2005). With fewer it is the one-sided prediction bound of a normal distribution of their logarithms (Hahn
-    and Meeker 1991).
+    With at least ``1 / level - 1`` values it is their quantile, valid for any distribution (Vovk et al.
+    2005); between two ranks their logarithms are interpolated. With fewer it is the one-sided prediction
+    bound of a normal distribution of their logarithms (Hahn and Meeker 1991).
 
     Parameters
     ----------
@@ -226,11 +232,11 @@ def prediction_limit(maxima: FloatArray, level: float = 0.05) -> float:
     -------
     float
     """
-    count = len(maxima)
-    rank = int(np.ceil((1.0 - level) * (count + 1) - 1e-9))
-    if rank <= count:
-        return float(np.sort(maxima)[rank - 1])
-    return float(np.exp(_log_bound(np.log(maxima), level)))
+    count, logs = len(maxima), np.log(np.sort(maxima))
+    rank = (1.0 - level) * (count + 1)
+    if rank <= count + 1e-9:
+        return float(np.exp(np.interp(rank, np.arange(1, count + 1), logs)))
+    return float(np.exp(_log_bound(logs, level)))
 
 
 def _log_bound(logs: FloatArray, level: float) -> FloatArray:

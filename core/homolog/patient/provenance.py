@@ -33,6 +33,8 @@ class Provenance:
         Settings of grooming, for controls and patients.
     side : str
         Side of the body, if all controls have the same: ``"left"``, ``"right"`` or empty.
+    mixture : str
+        Groups of the controls with their numbers, if they are several; else empty.
     """
 
     project: str
@@ -45,6 +47,7 @@ class Provenance:
     particles: int
     groom: GroomSettings
     side: str
+    mixture: str = ""
 
     @property
     def record(self) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from homolog.errors import InputError, path_of
 from homolog.io.arrays import read_arrays, write_arrays
 from homolog.patient.change import ExpectedChange
 from homolog.patient.coding import Coding
-from homolog.patient.local import BANDS, BEST_GAINS, KINDS, LEVEL, LocalNorm, gains
+from homolog.patient.local import BANDS, BEST_GAINS, KINDS, LEVEL, BandNorm, LocalNorm, gains
 from homolog.patient.placed import Placing
 from homolog.patient.provenance import Provenance, Quality
 from homolog.patient.surface_model import SurfaceModel
@@ -25,7 +25,7 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["Reference", "check_name"]
 
 SUFFIX = ".npz"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 
 _UNLIKE = 2.5
 """Ratio of a left-out control's distance from its fit to the median; above it, the control is an outlier."""
@@ -60,7 +60,7 @@ class Reference:
         Sorted largest absolute z of these controls, read-only.
     limit : float
         Limit of absolute z, which 5 % of healthy people exceed anywhere.
-    local, usual : LocalNorm
+    local, usual : BandNorm, LocalNorm
         Norms of these controls' maps in bands of several widths (2, B, V), and unfiltered (2, V): difference
         from the expected shape [mm], and logarithm of the wall's thickness relative to its median.
     total : LocalNorm
@@ -95,7 +95,7 @@ class Reference:
     gap: FloatArray
     maxima: FloatArray
     limit: float
-    local: LocalNorm
+    local: BandNorm
     usual: LocalNorm
     total: LocalNorm
     quality: Quality
@@ -276,8 +276,8 @@ class Reference:
                 raise InputError(f"{path}: was written by a newer Homolog; update Homolog to open it")
             if record["version"] < FORMAT_VERSION:
                 raise InputError(
-                    f"{path}: was made by an older Homolog, which did not measure walls; make it again from "
-                    "its project (homolog reference)"
+                    f"{path}: was made by an older Homolog, whose limits of local differences are others; "
+                    "make it again from its project (homolog reference)"
                 )
             reference = cls(
                 model=SurfaceModel(**{name: stored[f"model_{name}"] for name in _MODEL}),
@@ -285,7 +285,7 @@ class Reference:
                 coding=Coding.from_record(record["coding"]),
                 **{name: stored[name] for name in _DISTRIBUTIONS},
                 limit=float(record["limit"]),
-                local=LocalNorm(stored["local_mean"], stored["local_deviation"]),
+                local=BandNorm(*(stored[f"local_{name}"] for name in BandNorm.__dataclass_fields__)),
                 usual=LocalNorm(stored["usual_mean"], stored["usual_deviation"]),
                 total=LocalNorm(stored["total_mean"], stored["total_deviation"]),
                 quality=Quality(**record["quality"]),
@@ -314,6 +314,7 @@ class Reference:
             **{name: getattr(self, name) for name in _DISTRIBUTIONS},
             **{f"{name}_mean": getattr(self, name).mean for name in _NORMS},
             **{f"{name}_deviation": getattr(self, name).deviation for name in _NORMS},
+            "local_roughness": self.local.roughness,
             **(self.placing.arrays if self.placing else {}),
             **(self.change.arrays if self.change else {}),
         }
@@ -337,6 +338,7 @@ class Reference:
             and vertices + self.provenance.particles == points[0]
             and 0 <= model.faces.min() <= model.faces.max() < vertices
             and self.local.mean.shape == self.local.deviation.shape == (KINDS, len(BANDS), vertices)
+            and self.local.roughness.shape == (KINDS, len(BANDS), 1)
             and self.usual.mean.shape == self.usual.deviation.shape == (KINDS, vertices)
             and self.total.mean.shape == self.total.deviation.shape == (vertices,)
             and all(getattr(self, name).shape == (self.provenance.controls,) for name in _DISTRIBUTIONS)
