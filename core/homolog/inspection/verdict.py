@@ -21,6 +21,7 @@ from homolog.io.project import ProjectFolder
 from homolog.io.results import read_surface
 from homolog.memory import OnDemand
 from homolog.progress import Tick, no_tick, part_of
+from homolog.registration.icp import ANOTHER, candidates, oriented_points
 from homolog.registration.typicality import angles_from, typical_rotation
 from homolog.statistics.checks import checked_particles
 from homolog.statistics.evaluation import (
@@ -33,7 +34,7 @@ from homolog.surfaces.closest import distances_to, thickness
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import MIRROR, mirrors
 from homolog.surfaces.nearest import nearest_particles
-from homolog.surfaces.orientation import FILES_SPREAD
+from homolog.surfaces.orientation import FILES_SPREAD, INDEPENDENT
 from homolog.surfaces.topology import check_surface
 
 __all__ = [
@@ -63,6 +64,8 @@ _RING = 6
 """Mean number of neighbours of a particle on a surface (Euler)."""
 _ANY_TURN = float(np.pi**2 / 3.0)
 """Variance of a uniform angle [rad²]."""
+_AS_WELL = float(99.0 ** (1.0 / INDEPENDENT))
+"""Ratio of distances, each the mean of 20 independent ones, at which the odds of the closer fit are 99."""
 _PERMUTATIONS = 399
 """With 399 permutations, chance exceeds them all once in 400 times."""
 _EVEN = 5.0 / (18.0 * np.sqrt(3.0))
@@ -108,6 +111,9 @@ class Verdict:
     turning : float
         Distance, root mean square, by which particles of two subjects are apart since their surfaces do not
         tell how they are turned against each other [mm]; NaN without surfaces or with two subjects.
+    uncertain : float
+        Share of the subjects that fit a typical one about as well in another orientation, if their files do
+        not tell which is right; 0 if they do. NaN without surfaces or alignments.
     exchanged : float
         That error if each particle were exchanged at random with its neighbours [mm].
     spacing : float
@@ -142,6 +148,7 @@ class Verdict:
     modes: int
     local_error: float
     turning: float
+    uncertain: float
     exchanged: float
     spacing: float
     surface: float
@@ -218,6 +225,7 @@ class Verdict:
             ("of it, of particles among neighbours", _length(self.local_error)),
             ("if neighbours were exchanged", _length(self.exchanged)),
             ("of it, of turned subjects", _length(self.turning)),
+            ("subjects that may be turned over", _percent(self.uncertain)),
             ("distance of neighbouring particles", _length(self.spacing)),
             ("surface with walls below that", _percent(self.thin)),
             ("median thickness", _length(self.wall)),
@@ -242,8 +250,9 @@ def judge(
     them at random with their neighbours, or if they agree neither with those of other subjects nor with their
     neighbours better than after permuting each among the subjects. It is doubtful if they don't agree with
     other subjects, if more than half of the variation is not reproducible, or may come from turns that the
-    surfaces do not tell, if carried particles are off by more than half the distance of their neighbours, so
-    that the next one may be meant, or if the surface is covered less evenly than by chance, or if particles
+    surfaces do not tell, if neither surfaces nor files tell how a subject is turned, if carried particles are
+    off by more than half the distance of their neighbours, so that the next one may be meant, or if the
+    surface is covered less evenly than by chance, or if particles
     that another seed placed differ by more than half their distance.
 
     Parameters
@@ -286,8 +295,8 @@ def judge(
     modes = modes_above_chance(shapes) if len(shapes) > 2 else 0
     measured = _Measured()
     if surfaces is not None:
-        prior = _ANY_TURN if alignments is None else _turns_of_files(alignments)
-        measured = _measure(shapes, surfaces, spacing, prior, generator, part_of(tick, 0.6, 1.0))
+        turns = None if alignments is None else _turns_of_files(alignments)
+        measured = _measure(shapes, surfaces, spacing, turns, generator, part_of(tick, 0.6, 1.0))
     precision = 0.01 * spacing
     verdict = Verdict(
         word=Word.SOUND,
@@ -459,6 +468,13 @@ def _word(numbers: Verdict, subjects: int, particles: int) -> tuple[Word, str, s
             else "Less than half of the variation is reproducible.",
             f"Add subjects: each of these {subjects} still differs in its own way.",
         )
+    if numbers.uncertain > 0.0:
+        return (
+            Word.DOUBTFUL,
+            f"The files' rotations differ, and {_percent(numbers.uncertain)} of the subjects fit as well when "
+            "they are turned over.",
+            "Check how these subjects lie, and give all files one orientation, or landmarks.",
+        )
     if numbers.turning**2 > numbers.spread**2:  # the distance of two subjects has twice the variance of one
         return (
             Word.DOUBTFUL,
@@ -586,6 +602,7 @@ class _Measured:
     """Numbers of a verdict that need surfaces."""
 
     turning: float = np.nan
+    uncertain: float = np.nan
     surface: float = np.nan
     surface_spread: float = np.nan
     unevenness: float = np.nan
@@ -597,7 +614,7 @@ def _measure(
     shapes: FloatArray,
     surfaces: Sequence[TriangleMesh],
     spacing: float,
-    prior: float,
+    turns_of_files: FloatArray | None,
     generator: np.random.Generator,
     tick: Tick,
 ) -> _Measured:
@@ -608,7 +625,11 @@ def _measure(
     middle = int(np.square(shapes - mean).sum(axis=(1, 2)).argmin())
     template = _Template.of(surfaces[middle], shapes[middle]) if particles > _NEIGHBOURS else None
     fits = left_out_shapes(shapes) if count > 2 else None
-    parts = _parts(shapes)
+    parts, prior, uncertain = _parts(shapes), _ANY_TURN, np.nan
+    if turns_of_files is not None:
+        prior = float(min(np.square(turns_of_files).mean() / 3.0 + FILES_SPREAD**2, _ANY_TURN))
+        do_agree = 2 * np.count_nonzero(turns_of_files > np.radians(ANOTHER)) < count
+        uncertain = 0.0 if do_agree else _uncertain(surfaces, middle, chosen)
     gaps, thin, walls, apart, turns = [], [], [], [], []
     for place, index in enumerate(chosen):
         tick(place / len(chosen), "judging the model")
@@ -629,6 +650,7 @@ def _measure(
     squared = np.square(apart).mean(axis=0) if apart else np.full(2, np.nan)
     return _Measured(
         turning=float(np.sqrt(2.0 * np.mean(turns))) if turns else np.nan,
+        uncertain=uncertain,
         surface=float(np.sqrt(squared[0])),
         surface_spread=float(np.sqrt(squared[1])),
         unevenness=(float(np.mean(gaps)) - _EVEN) / (_SCATTERED - _EVEN),
@@ -649,11 +671,22 @@ def _normals(mesh: TriangleMesh, particles: FloatArray) -> FloatArray:
     return normals
 
 
-def _turns_of_files(alignments: FloatArray) -> float:
-    """Return the variance of a turn about an axis [rad²] if files tell it: theirs, and that of their own."""
+def _turns_of_files(alignments: FloatArray) -> FloatArray:
+    """Return by how much each file is turned against a typical one, (M,) [rad]."""
     proper = np.where(mirrors(alignments)[:, None, None], alignments @ MIRROR, alignments)
-    angles = np.radians(angles_from(proper, typical_rotation(proper)))
-    return float(min(np.square(angles).mean() / 3.0 + FILES_SPREAD**2, _ANY_TURN))
+    return np.radians(angles_from(proper, typical_rotation(proper)))
+
+
+def _uncertain(surfaces: Sequence[TriangleMesh], middle: int, chosen: IntArray) -> float:
+    """Return the share of some subjects that another orientation fits about as well as their own."""
+    typical = oriented_points(surfaces[middle])
+    others = [int(index) for index in chosen if index != middle]
+    count = 0
+    for index in others:
+        own = oriented_points(surfaces[index])
+        given, *turned = candidates(own.scaled(1.0 / own.size), typical.scaled(1.0 / typical.size))
+        count += any(fit.distance < _AS_WELL * given.distance for fit in turned)
+    return count / max(len(others), 1)
 
 
 def _turning(
@@ -671,9 +704,9 @@ def _turning(
     moves = np.column_stack([np.cross(arms, normals), normals, growth])
     matrix = moves.T @ moves / len(moves)
     turn, both, others = matrix[:3, :3], matrix[:3, 3:], matrix[3:, 3:]
-    told = turn - both @ np.linalg.pinv(others, hermitian=True) @ both.T
+    stiffness = turn - both @ np.linalg.pinv(others, hermitian=True) @ both.T
     variance = float(np.square(np.einsum("ni,ni->n", rest, normals)).mean()) / parts
-    covariance = variance * np.linalg.pinv(told + variance / prior * np.eye(3), hermitian=True)
+    covariance = variance * np.linalg.pinv(stiffness + variance / prior * np.eye(3), hermitian=True)
     squares = arms.T @ arms / len(arms)
     return float(np.trace(covariance) * np.trace(squares) - np.trace(covariance @ squares))
 

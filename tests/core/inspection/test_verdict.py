@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
 from homolog.errors import InputError
 from homolog.geometry import transform_points
@@ -116,6 +117,16 @@ def test_round_subjects_are_doubtful_unless_their_files_tell_how_they_are_turned
     assert told.landmark < alone.landmark
     assert alone.word is Word.DOUBTFUL
     assert "turned" in alone.cause
+
+
+def test_symmetric_subjects_are_doubtful_if_their_files_lie_in_any_way(shapes):
+    turned = np.tile(np.eye(4), (6, 1, 1))
+    agreed = judge(shapes.particles, shapes.surfaces, alignments=turned)
+    turned[:, :3, :3] = Rotation.random(6, random_state=1).as_matrix()
+    verdict = judge(shapes.particles, shapes.surfaces, alignments=turned)
+    assert (agreed.word, agreed.uncertain) == (Word.SOUND, 0.0)
+    assert (verdict.word, verdict.uncertain) == (Word.DOUBTFUL, 1.0)
+    assert "orientation" in verdict.remedy
 
 
 def test_two_subjects_are_doubtful_and_few_particles_are_judged_without_landmarks(shapes):
