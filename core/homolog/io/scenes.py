@@ -70,8 +70,8 @@ def read_gltf(content: bytes, folder: Path | None = None) -> Polygons:
 
 def _required(content: bytes) -> list[str]:
     """Return the extensions of the format without which a glTF file can't be read."""
-    found = re.search(rb'"extensionsRequired"\s*:\s*\[([^\]]*)\]', content)
-    return re.findall(r'"([^"]*)"', found[1].decode(errors="replace")) if found else []
+    listed = re.search(rb'"extensionsRequired"\s*:\s*\[([^\]]*)\]', content)
+    return re.findall(r'"([^"]*)"', listed[1].decode(errors="replace")) if listed else []
 
 
 def read_3mf(content: bytes) -> Polygons:
