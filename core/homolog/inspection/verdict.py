@@ -471,8 +471,8 @@ def _word(numbers: Verdict, subjects: int, particles: int) -> tuple[Word, str, s
     if numbers.uncertain > 0.0:
         return (
             Word.DOUBTFUL,
-            f"The files' rotations differ, and {_percent(numbers.uncertain)} of the subjects fit as well when "
-            "they are turned over.",
+            f"The files' rotations differ, and {_percent(numbers.uncertain)} of the subjects fit as well "
+            "when they are turned over.",
             "Check how these subjects lie, and give all files one orientation, or landmarks.",
         )
     if numbers.turning**2 > numbers.spread**2:  # the distance of two subjects has twice the variance of one
