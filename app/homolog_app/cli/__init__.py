@@ -1,7 +1,7 @@
 """The command line: the same pipeline as the window's.
 
-Each command is two functions of one module: ``add_NAME(subparsers)`` declares its options and
-``run_NAME(arguments)`` does the work and returns the exit code. Only the module of the given command is
+Each command is a function of one module: ``run_NAME(arguments)``, decorated with its description and options,
+does the work and returns the exit code. Only the module of the given command is
 imported, and heavy packages (warp, SimpleITK, VTK, matplotlib) only inside ``run_NAME``, so that help
 responds at once.
 """
@@ -16,7 +16,7 @@ from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from homolog import __version__
 from homolog.errors import Cancelled, NumericalError, user_message
@@ -113,27 +113,29 @@ def open_window(paths: Sequence[str] | None = None) -> int:
 def command_parser(
     commands: Collection[str] = tuple(_COMMANDS),
 ) -> tuple[argparse.ArgumentParser, dict[str, ModuleType]]:
-    """Return the command-line parser, and the modules of the commands whose options it knows.
+    """Return the parser and the modules of the given commands; others are listed without options.
 
     Parameters
     ----------
     commands : collection of str
-        Commands with all options, by default all. For other commands the parser knows only name and purpose.
+        All, if not given.
     """
+    from homolog_app.cli.options import add_command
+
     parser = argparse.ArgumentParser(
         prog="homolog",
         description="Statistical shape analysis: corresponding points on a cohort of shapes, shape models "
         "and group tests. Without a command the window opens; homolog FOLDER opens a project or cohort.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
-    subparsers = _Subparsers(parser.add_subparsers(dest="command", metavar="COMMAND", title="commands"))
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
     modules = {}
-    for name in _COMMANDS:
+    for name, (module, summary) in _COMMANDS.items():
         if name in commands:
-            modules[name] = importlib.import_module(f"{__name__}.{_COMMANDS[name][0]}")
-            getattr(modules[name], f"add_{name}")(subparsers)
+            modules[name] = importlib.import_module(f"{__name__}.{module}")
+            add_command(subparsers, name, getattr(modules[name], f"run_{name}"), summary)
         else:
-            subparsers.add_parser(name)
+            subparsers.add_parser(name, help=summary)
     return parser, modules
 
 
@@ -149,17 +151,6 @@ class _Version(argparse.Action):
                 commit = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
         sys.stdout.write(f"homolog {__version__}{f' ({commit})' if commit else ''}\n")
         parser.exit()
-
-
-class _Subparsers:
-    """The commands' parsers, with the purpose of each."""
-
-    def __init__(self, subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-        self._subparsers = subparsers
-
-    def add_parser(self, name: str, **options: Any) -> argparse.ArgumentParser:  # noqa: ANN401 - argparse's own
-        """Declare a command."""
-        return self._subparsers.add_parser(name, **(options | {"help": _COMMANDS[name][1]}))
 
 
 def _print_errors(message: str) -> None:

@@ -1,8 +1,8 @@
 """Analysis of a project (``homolog analyze``, ``check``, ``report``), and geodesic distances."""
 
 import argparse
-import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +11,17 @@ from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog.io.report_details import ReportDetails, read_details, write_details
 from homolog_app.cli.options import (
-    add_anyway_option,
-    add_options,
-    add_progress_option,
+    ANYWAY,
+    PROGRESS,
+    PROJECT,
+    command,
+    one_of,
+    option,
+    settings,
     show_progress,
+    titled,
     with_options,
+    write_lines,
 )
 from homolog_app.exports.settings import CutSettings
 
@@ -24,34 +30,83 @@ if TYPE_CHECKING:
     from homolog.io.results import Result
     from homolog.progress import Tick
 
-__all__ = [
-    "add_analyze",
-    "add_check",
-    "add_geodesics",
-    "add_report",
-    "run_analyze",
-    "run_check",
-    "run_geodesics",
-    "run_report",
-]
+__all__ = ["run_analyze", "run_check", "run_geodesics", "run_report"]
 
 
 _ALIGNMENTS = ["shape", "form", "as-it-lies"]
 _FORMER_ALIGNMENTS = {"similarity": "shape", "rigid": "form"}
 
 
-def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "analyze",
-        description="Compare the groups of a column (the default), test the linear effect of a column, "
-        "compare paired subjects, or test the terms of a formula. Prints the results, writes tables to "
-        "PROJECT/analysis and adds the study to homolog report.",
-    )
-    parser.add_argument("project", type=Path, help="project folder")
-    _add_question(parser)
-    add_options(parser, AnalysisSettings)
-    parser.add_argument(
+def _alignment(word: str) -> str:
+    """Return an alignment's name, also for its name in earlier versions."""
+    return _FORMER_ALIGNMENTS.get(word, word)
+
+
+_QUESTION = (
+    one_of(
+        option("--group", metavar="COLUMN", default="group", help="column of groups (default group)"),
+        option("--regress", metavar="COLUMN", help="column of a continuous variable"),
+        option(
+            "--formula",
+            metavar="FORMULA",
+            help='terms to test, such as "~ group * age + sex": analysis of variance, differences, slopes',
+        ),
+    ),
+    titled(
+        "with --formula",
+        option("--subject", metavar="COLUMN", help="column of the subject, for repeated measures"),
+        option("--strata", metavar="COLUMN", help="column of strata, such as sites; effects are within"),
+        option(
+            "--squares",
+            choices=["I", "II", "III"],
+            help="sums of squares: each term adjusted for those before it (I), all that do not contain it "
+            "(II, the default), or all others (III)",
+        ),
+        option("--out", type=Path, metavar="FOLDER", help="write the formula's tables also to this folder"),
+    ),
+    option(
+        "--between",
+        nargs="+",
+        metavar="GROUP",
+        help="groups to compare, the reference first (default: all, controls first)",
+    ),
+    option(
+        "--pairs",
+        metavar="COLUMN",
+        help="column that identifies the pairs of two groups; with more groups, add --between A B",
+    ),
+    option(
+        "--covariates",
+        nargs="+",
+        metavar="COLUMN",
+        default=[],
+        help="columns to adjust for; size is that of the shapes; COLUMN:c treats numbers as categories",
+    ),
+    option(
+        "--complete-cases",
+        action="store_true",
+        help="exclude subjects with missing values in the columns used (default: stop)",
+    ),
+    option(
+        "--alignment",
+        choices=_ALIGNMENTS,
+        type=_alignment,
+        nargs="+",
+        help="what is compared: shape (without size), form (size and shape), as-it-lies (pose as well) "
+        "(default: shape; size is always tested as well)",
+    ),
+    option("--size", choices=["both", "with", "without"], help=argparse.SUPPRESS),
+)
+
+
+@command(
+    "Compare the groups of a column (the default), test the linear effect of a column, "
+    "compare paired subjects, or test the terms of a formula. Prints the results, writes tables to "
+    "PROJECT/analysis and adds the study to homolog report.",
+    PROJECT,
+    *_QUESTION,
+    settings(AnalysisSettings),
+    option(
         "--primary",
         nargs="?",
         const="",
@@ -60,74 +115,11 @@ def add_analyze(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the t
         metavar="ALIGNMENT",
         help="make this the primary study: reports begin with it, and the others follow in a fixed "
         "sequence. With several alignments it is the named one, or else the first. none: no study is primary",
-    )
-    add_options(parser, ReportDetails)
-    add_anyway_option(parser)
-    add_progress_option(parser)
-
-
-def _add_question(parser: argparse.ArgumentParser) -> None:
-    """Declare the question: columns, groups, pairs, covariates, alignment."""
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument("--group", metavar="COLUMN", default="group", help="column of groups (default group)")
-    what.add_argument("--regress", metavar="COLUMN", help="column of a continuous variable")
-    what.add_argument(
-        "--formula",
-        metavar="FORMULA",
-        help='terms to test, such as "~ group * age + sex": analysis of variance, differences, slopes',
-    )
-    terms = parser.add_argument_group("with --formula")
-    terms.add_argument("--subject", metavar="COLUMN", help="column of the subject, for repeated measures")
-    terms.add_argument(
-        "--strata", metavar="COLUMN", help="column of strata, such as sites; effects are within"
-    )
-    terms.add_argument(
-        "--squares",
-        choices=["I", "II", "III"],
-        help="sums of squares: each term adjusted for those before it (I), all that do not contain it "
-        "(II, the default), or all others (III)",
-    )
-    terms.add_argument(
-        "--out", type=Path, metavar="FOLDER", help="write the formula's tables also to this folder"
-    )
-    parser.add_argument(
-        "--between",
-        nargs="+",
-        metavar="GROUP",
-        help="groups to compare, the reference first (default: all, controls first)",
-    )
-    parser.add_argument(
-        "--pairs",
-        metavar="COLUMN",
-        help="column that identifies the pairs of two groups; with more groups, add --between A B",
-    )
-    parser.add_argument(
-        "--covariates",
-        nargs="+",
-        metavar="COLUMN",
-        default=[],
-        help="columns to adjust for; size is that of the shapes; COLUMN:c treats numbers as categories",
-    )
-    parser.add_argument(
-        "--complete-cases",
-        action="store_true",
-        help="exclude subjects with missing values in the columns used (default: stop)",
-    )
-    parser.add_argument(
-        "--alignment",
-        choices=_ALIGNMENTS,
-        type=_alignment,
-        nargs="+",
-        help="what is compared: shape (without size), form (size and shape), as-it-lies (pose as well) "
-        "(default: shape; size is always tested as well)",
-    )
-    parser.add_argument(
-        "--size",
-        choices=["both", "with", "without"],
-        help=argparse.SUPPRESS,  # the former words: with is form, without is shape
-    )
-
-
+    ),
+    settings(ReportDetails),
+    ANYWAY,
+    PROGRESS,
+)
 def run_analyze(arguments: argparse.Namespace) -> int:
     """Run the tests; return the exit code."""
     if arguments.formula is None:
@@ -188,14 +180,8 @@ def run_analyze(arguments: argparse.Namespace) -> int:
         for answer in answers if arguments.out is not None else ():
             assert isinstance(answer.answer, FormulaAnswer)
             answer.answer.write(arguments.out)
-    stream = sys.stderr if arguments.progress == "json" else sys.stdout
-    stream.write("\n".join([*lines, *(answer.text for answer in answers)]) + "\n")
+    write_lines(*lines, *(answer.text for answer in answers), aside=arguments.progress == "json")
     return 0
-
-
-def _alignment(word: str) -> str:
-    """Return an alignment's name, also for its name in earlier versions."""
-    return _FORMER_ALIGNMENTS.get(word, word)
 
 
 def _alignments(arguments: argparse.Namespace) -> list[str]:
@@ -205,35 +191,30 @@ def _alignments(arguments: argparse.Namespace) -> list[str]:
     return list(dict.fromkeys(arguments.alignment or by_size))
 
 
-def add_check(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "check",
-        description="Say how much of the model is reproducible (sound, doubtful or not usable, and why), and "
-        "list places where the correspondence may be wrong, the most severe first: exchanged particles, "
-        "swapped neighbourhoods, normals that disagree with the other subjects, folded triangles, uncovered "
-        "regions.",
-    )
-    parser.add_argument("project", type=Path, help="project folder")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the list to FILE.csv or FILE.json")
-    parser.add_argument(
+@command(
+    "Say how much of the model is reproducible (sound, doubtful or not usable, and why), and "
+    "list places where the correspondence may be wrong, the most severe first: exchanged particles, "
+    "swapped neighbourhoods, normals that disagree with the other subjects, folded triangles, uncovered "
+    "regions.",
+    PROJECT,
+    option("--out", type=Path, metavar="FILE", help="write the list to FILE.csv or FILE.json"),
+    option(
         "--min-severity",
         type=float,
         default=1.0,
         metavar="SEVERITY",
         help="lowest severity to list (default 1)",
-    )
-    parser.add_argument(
+    ),
+    option(
         "--repair",
         type=int,
         default=0,
         metavar="COUNT",
         help="optimize the particles around the COUNT most severe suspects again, and keep what improves",
-    )
-    parser.add_argument("--workers", type=int, help="number of processes (default: one per core)")
-    add_progress_option(parser)
-
-
+    ),
+    option("--workers", type=int, help="number of processes (default: one per core)"),
+    PROGRESS,
+)
 def run_check(arguments: argparse.Namespace) -> int:
     """List the suspects; return the exit code."""
     from homolog.inspection.verdict import read_verdict
@@ -275,8 +256,7 @@ def run_check(arguments: argparse.Namespace) -> int:
     ]
     suspects = "1 suspect" if len(table) == 1 else f"{len(table)} suspects"
     ending = f"{suspects} of {len(result.names)} subjects x {result.local.shape[1]} particles"
-    stream = sys.stderr if arguments.progress == "json" else sys.stdout
-    stream.write("\n".join([verdict.line, *notes, *lines, ending]) + "\n")
+    write_lines(verdict.line, *notes, *lines, ending, aside=arguments.progress == "json")
     return 0
 
 
@@ -304,22 +284,16 @@ def _repair(
     return inspection, lines
 
 
-def add_report(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "report",
-        help="write one page about a project's model and studies, as HTML and PDF",
-        description="Write one page about a project's shape model and its studies (see homolog analyze) to "
-        "PROJECT/report, as HTML and PDF, with its figures as SVG and PDF. It opens in a browser without a "
-        "network.",
-    )
-    parser.add_argument("project", type=Path, help="project folder")
-    add_options(parser, ReportDetails)
-    add_options(parser, CutSettings)
-    add_anyway_option(parser)
-    add_progress_option(parser)
-
-
+@command(
+    "Write one page about a project's shape model and its studies (see homolog analyze) to "
+    "PROJECT/report, as HTML and PDF, with its figures as SVG and PDF. It opens in a browser without a "
+    "network.",
+    PROJECT,
+    settings(ReportDetails),
+    settings(CutSettings),
+    ANYWAY,
+    PROGRESS,
+)
 def run_report(arguments: argparse.Namespace) -> int:
     """Write the report; return the exit code."""
     from homolog.inspection.verdict import refuse_unusable
@@ -333,38 +307,31 @@ def run_report(arguments: argparse.Namespace) -> int:
             refuse_unusable(project, read_result(project).world)
         write_details(project, with_options(read_details(project), arguments))
         path = write_report(project, progress.tick, clip)
-    sys.stdout.write(f"{path}\n")
+    write_lines(str(path))
     return 0
 
 
-def add_geodesics(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "geodesics",
-        description="Geodesic distances between all vertices of a closed surface, as a sparse matrix.",
-    )
-    parser.add_argument("mesh", type=Path, help="closed surface: .vtp, .vtk, .ply, .stl or .obj")
-    parser.add_argument(
+@command(
+    "Geodesic distances between all vertices of a closed surface, as a sparse matrix.",
+    option("mesh", type=Path, help="closed surface: .vtp, .vtk, .ply, .stl or .obj"),
+    option(
         "--d-max", type=float, required=True, metavar="MM", help="largest distance to compute; inf for all"
-    )
-    parser.add_argument(
+    ),
+    option(
         "--out", type=Path, metavar="FILE.npz", help="write a SciPy sparse matrix (scipy.sparse.load_npz)"
-    )
-    parser.add_argument("--device", default="auto", help="auto, cpu, cuda:0 …; auto takes the first GPU")
-    parser.add_argument(
-        "--memory-limit", type=float, default=8.0, metavar="GB", help="largest table allowed (default 8)"
-    )
-    parser.add_argument(
+    ),
+    option("--device", default="auto", help="auto, cpu, cuda:0 …; auto takes the first GPU"),
+    option("--memory-limit", type=float, default=8.0, metavar="GB", help="largest table allowed (default 8)"),
+    option(
         "--verify",
         type=int,
         nargs="?",
         const=32,
         metavar="SOURCES",
         help="compare this number of random rows (default 32) with exact distances; needs tvb-gdist",
-    )
-    add_progress_option(parser)
-
-
+    ),
+    PROGRESS,
+)
 def run_geodesics(arguments: argparse.Namespace) -> int:
     """Compute, write and verify as requested; return the exit code."""
     from homolog.device import choose_device, describe_device, device_faults
@@ -383,7 +350,8 @@ def run_geodesics(arguments: argparse.Namespace) -> int:
         memory_limit=int(1e9 * arguments.memory_limit),
     )
     device = choose_device(arguments.device)
-    _print_line(
+    say = partial(write_lines, aside=True)
+    say(
         f"{len(mesh.vertices)} vertices, mean edge {mesh.mean_edge:.3g} mm; table of about "
         f"{plan.nbytes / 1e6:.0f} MB on {describe_device(device)}"
     )
@@ -391,16 +359,12 @@ def run_geodesics(arguments: argparse.Namespace) -> int:
         start = time.perf_counter()
         ((_, table),) = each_table(plan, device=device, tick=progress.tick)
         seconds = time.perf_counter() - start
-        _print_line(f"solved in {seconds:.2f} s, {table.nbytes / 1e6:.0f} MB, steps of {table.unit:.3g} mm")
+        say(f"solved in {seconds:.2f} s, {table.nbytes / 1e6:.0f} MB, steps of {table.unit:.3g} mm")
         if arguments.out is not None:
-            _print_line(f"{_write(arguments.out, table)} distances in {arguments.out}")
+            say(f"{_write(arguments.out, table)} distances in {arguments.out}")
         if arguments.verify is not None:
-            _print_line(str(measure_accuracy(mesh, table, arguments.verify, tick=progress.tick)))
+            say(str(measure_accuracy(mesh, table, arguments.verify, tick=progress.tick)))
     return 0
-
-
-def _print_line(line: str) -> None:
-    sys.stderr.write(f"{line}\n")
 
 
 def _write(path: Path, table: Any) -> int:  # noqa: ANN401 - a GeodesicTable, slow to import

@@ -1,55 +1,42 @@
 """What a folder or table means: the options of every command that takes a cohort, and ``homolog cohort``."""
 
 import argparse
-import sys
 from pathlib import Path
 from shlex import quote
-from typing import Any
 
 from homolog.cohort import Cohort, declared_missing, read_cohort
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
-from homolog_app.cli.options import add_progress_option, show_progress
+from homolog_app.cli.options import PROGRESS, Part, command, note, one_of, option, show_progress, write_lines
+from homolog_app.rendering.text import aligned
 
-__all__ = [
-    "add_cohort",
-    "add_cohort_options",
-    "add_cut",
-    "add_missing_option",
-    "as_options",
-    "cohort_of",
-    "read_with_notes",
-    "run_cohort",
-    "run_cut",
-]
+__all__ = ["MISSING", "as_options", "cohort_of", "cohort_options", "read_with_notes", "run_cohort", "run_cut"]
 
 
-def add_cohort_options(parser: argparse.ArgumentParser, what: str) -> None:
-    """Declare the cohort, and the options that say what its folder or table means."""
-    parser.add_argument("cohort", type=Path, help=what)
-    parser.add_argument(
-        "--pattern",
-        metavar="PATTERN",
-        help="where the files are below the folder: {group}/{subject}/seg_{structure}.nii.gz. Fields other "
-        "than subject, group and structure become columns, such as {side} or {time}; * is any text. Needed "
-        "if the folder is in none of the known layouts: one file per subject; a folder per subject with one "
-        "file per structure; BIDS derivatives; nnU-Net; TotalSegmentator",
+def cohort_options(what: str) -> tuple[Part, ...]:
+    """Return the arguments that name a cohort."""
+    return (
+        option("cohort", type=Path, help=what),
+        option(
+            "--pattern",
+            metavar="PATTERN",
+            help="where the files are below the folder: {group}/{subject}/seg_{structure}.nii.gz. Fields "
+            "other than subject, group and structure become columns, such as {side} or {time}; * is any "
+            "text. Needed if the folder is in none of the known layouts: one file per subject; a folder per "
+            "subject with one file per structure; BIDS derivatives; nnU-Net; TotalSegmentator",
+        ),
+        option("--table", type=Path, metavar="FILE", help="table with groups and covariates of the subjects"),
+        MISSING,
     )
-    parser.add_argument(
-        "--table", type=Path, metavar="FILE", help="table with groups and covariates of the subjects"
-    )
-    add_missing_option(parser)
 
 
-def add_missing_option(parser: argparse.ArgumentParser) -> None:
-    """Declare the option for values that stand for missing ones."""
-    parser.add_argument(
-        "--missing",
-        action="append",
-        default=[],
-        metavar="VALUE",
-        help="value that stands for a missing one in the table, such as -999; may be repeated",
-    )
+MISSING = option(
+    "--missing",
+    action="append",
+    default=[],
+    metavar="VALUE",
+    help="value that stands for a missing one in the table, such as -999; may be repeated",
+)
 
 
 def cohort_of(arguments: argparse.Namespace) -> Cohort:
@@ -74,8 +61,7 @@ def read_with_notes(arguments: argparse.Namespace) -> Cohort:
         )
     except InputError as error:
         raise InputError(as_options(str(error))) from error
-    for note in cohort.notes:
-        sys.stderr.write(f"homolog: note: {note}\n")
+    note(*(f"note: {text}" for text in cohort.notes))
     return cohort
 
 
@@ -84,36 +70,28 @@ def as_options(message: str) -> str:
     return message.replace('\n  "', '\n  --pattern "')
 
 
-def add_cohort(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "cohort",
-        description="Read a folder or table as homolog run does, and write its subjects, files, groups and "
-        "columns as a table, which can be edited and run: homolog run cohort.csv. Without --out, the table "
-        "is printed.",
-    )
-    add_cohort_options(parser, "folder of segmentations or meshes, table, or ShapeWorks project")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="table to write: cohort.csv")
-
-
+@command(
+    "Read a folder or table as homolog run does, and write its subjects, files, groups and "
+    "columns as a table, which can be edited and run: homolog run cohort.csv. Without --out, the table "
+    "is printed.",
+    *cohort_options("folder of segmentations or meshes, table, or ShapeWorks project"),
+    option("--out", type=Path, metavar="FILE", help="table to write: cohort.csv"),
+)
 def run_cohort(arguments: argparse.Namespace) -> int:
     """Write the table; return the exit code."""
     from homolog_app.exports.tables import cohort_rows, write_cohort
 
     cohort = cohort_of(arguments)
-    count = f"{len(cohort.subjects)} subjects"
     if arguments.out is None:
-        rows = cohort_rows(cohort, cohort.folder)
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        for row in rows:
-            cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
-            sys.stdout.write("  ".join(cells).rstrip() + "\n")
+        write_lines(*aligned(cohort_rows(cohort, cohort.folder)))
         return 0
     write_cohort(arguments.out, cohort)
-    sys.stdout.write(
-        f"{count} written to {arguments.out}\nNext: homolog run {quote(str(arguments.out))} --out PROJECT\n"
-    )
+    write_lines(f"{len(cohort.subjects)} subjects written to {arguments.out}", _following(arguments.out))
     return 0
+
+
+def _following(table: Path) -> str:
+    return f"Next: homolog run {quote(str(table))} --out PROJECT"
 
 
 _ENDS = {
@@ -127,48 +105,48 @@ _ENDS = {
 """Directions in LPS."""
 
 
-def add_cut(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "cut",
-        description="Place a cutting plane on every subject, at corresponding places, and write the subjects "
-        "with their cuts as a table, which can be edited and run: homolog run cohort.csv. In the column cut, "
-        "six numbers are a plane (x y z of a point and of the direction that is kept, in mm, LPS), four a "
-        "painted place that is removed (x y z and radius). Without an option, planes cut off the open ends "
-        "of all subjects where the one that lacks most ends.",
-    )
-    add_cohort_options(parser, "folder of segmentations or meshes, or table")
-    way = parser.add_mutually_exclusive_group()
-    way.add_argument(
-        "--plane",
-        nargs=7,
-        metavar=("SUBJECT", "X", "Y", "Z", "NX", "NY", "NZ"),
-        help="plane of one subject: a point and the direction that is kept; it is carried to the others",
-    )
-    way.add_argument(
-        "--carry",
-        metavar="SUBJECT",
-        help="carry the planes and painted places that the table gives a subject to the others",
-    )
-    way.add_argument(
-        "--landmarks", nargs=3, metavar="NAME", help="plane through three landmarks that every subject has"
-    )
-    way.add_argument(
-        "--region",
-        metavar="PATTERN",
-        help="file of each subject, such as regions/{subject}.json, that says what is removed: constraints "
-        "of ShapeWorks (.json), or a text with 0 (removed) or 1 (kept) for each vertex of its mesh",
-    )
-    way.add_argument("--keep", type=float, metavar="MM", help="length kept along the long axis, from one end")
-    parser.add_argument(
+@command(
+    "Place a cutting plane on every subject, at corresponding places, and write the subjects with their cuts "
+    "as a table, which can be edited and run: homolog run cohort.csv. In the column cut, six numbers are a "
+    "plane (x y z of a point and of the direction that is kept, in mm, LPS), four a painted place that is "
+    "removed (x y z and radius). Without an option, planes cut off the open ends of all subjects where the "
+    "one that lacks most ends.",
+    *cohort_options("folder of segmentations or meshes, or table"),
+    one_of(
+        option(
+            "--plane",
+            nargs=7,
+            metavar=("SUBJECT", "X", "Y", "Z", "NX", "NY", "NZ"),
+            help="plane of one subject: a point and the direction that is kept; it is carried to the others",
+        ),
+        option(
+            "--carry",
+            metavar="SUBJECT",
+            help="carry the planes and painted places that the table gives a subject to the others",
+        ),
+        option(
+            "--landmarks",
+            nargs=3,
+            metavar="NAME",
+            help="plane through three landmarks that every subject has",
+        ),
+        option(
+            "--region",
+            metavar="PATTERN",
+            help="file of each subject, such as regions/{subject}.json, that says what is removed: "
+            "constraints of ShapeWorks (.json), or a text with 0 (removed) or 1 (kept) for each vertex of "
+            "its mesh",
+        ),
+        option("--keep", type=float, metavar="MM", help="length kept along the long axis, from one end"),
+    ),
+    option(
         "--end",
         choices=tuple(_ENDS),
         help="end that is kept with --keep; the one far from the rim if not given",
-    )
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="table to write: cohort.csv")
-    add_progress_option(parser)
-
-
+    ),
+    option("--out", type=Path, required=True, metavar="FILE", help="table to write: cohort.csv"),
+    PROGRESS,
+)
 def run_cut(arguments: argparse.Namespace) -> int:
     """Write the table with planes; return the exit code."""
     from homolog.progress import run_in_background
@@ -195,8 +173,7 @@ def run_cut(arguments: argparse.Namespace) -> int:
             "cutting planes",
         )
     write_cohort(arguments.out, planned)
-    sys.stdout.write(
-        f"cuts of {len(planned.subjects)} subjects written to {arguments.out}\n"
-        f"Next: homolog run {quote(str(arguments.out))} --out PROJECT\n"
+    write_lines(
+        f"cuts of {len(planned.subjects)} subjects written to {arguments.out}", _following(arguments.out)
     )
     return 0

@@ -7,21 +7,22 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from homolog.errors import InputError
 from homolog.progress import Tick, part_of
 from homolog.settings import Alignment, GroomSettings, Method, OptimizeSettings, RunSettings
-from homolog_app.cli.options import add_progress_option, remaining_seconds, show_progress, with_options
+from homolog_app.cli.options import PROGRESS, command, option, remaining_seconds, show_progress, with_options
+from homolog_app.rendering.text import aligned
 
 if TYPE_CHECKING:
     from homolog.cohort import Cohort
     from homolog.io.project import ProjectFolder
     from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["ComparisonRow", "add_demo", "run_demo", "table_text"]
+__all__ = ["ComparisonRow", "run_demo", "table_text"]
 
 SHAPES = {"vertebrae": 12, "beans": 10}
 """Number of subjects."""
@@ -39,29 +40,20 @@ _DRAWS = 200
 _Figures = dict[str, float]
 
 
-def add_demo(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "demo",
-        description="Generate twelve vertebrae, run two methods on them (original: Euclidean distances; "
-        "proposed: geodesic distances, normals and coherence), and compare both with the known "
-        "correspondence: a table, and pictures of the errors.",
-    )
-    parser.add_argument(
-        "--beans", action="store_true", help="the coffee beans of the paper instead, with its figures"
-    )
-    parser.add_argument(
-        "--out", type=Path, default=Path("homolog-demo"), help="output folder (default homolog-demo)"
-    )
-    parser.add_argument(
+@command(
+    "Generate twelve vertebrae, run two methods on them (original: Euclidean distances; "
+    "proposed: geodesic distances, normals and coherence), and compare both with the known "
+    "correspondence: a table, and pictures of the errors.",
+    option("--beans", action="store_true", help="the coffee beans of the paper instead, with its figures"),
+    option("--out", type=Path, default=Path("homolog-demo"), help="output folder (default homolog-demo)"),
+    option(
         "--particles",
         default=None,
         metavar="INT",
         help="number of particles on each shape (default 256; beans 1024)",
-    )
-    add_progress_option(parser)
-
-
+    ),
+    PROGRESS,
+)
 def run_demo(arguments: argparse.Namespace) -> int:
     """Run both methods; return the exit code."""
     from homolog.io.atomic import report_os_errors
@@ -388,10 +380,4 @@ def table_text(rows: Sequence[ComparisonRow]) -> str:
         values = [format(value, row.style) for value in row.values.values()]
         lines.append([row.figure, *values, *([paper] if has_paper else [])])
     lines = [[line[0], *(cell.replace("%", " %") for cell in line[1:])] for line in lines]
-    widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
-    return "\n".join(
-        "  ".join(
-            [line[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(line[1:], widths[1:], strict=True))]
-        ).rstrip()
-        for line in lines
-    )
+    return "\n".join(aligned(lines, to_right=True))

@@ -7,9 +7,11 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-__all__ = ["add_doctor", "run_doctor"]
+from homolog_app.cli.options import command, write_lines
+
+__all__ = ["run_doctor"]
 
 _GIB = 2**30
 _SECONDS = 60
@@ -40,21 +42,16 @@ class Finding(NamedTuple):
     remedy: str = ""
 
 
-def add_doctor(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    subparsers.add_parser(
-        "doctor",
-        description="Show what this machine offers: cores, memory, GPU, compiler of kernels, OpenGL, Qt's "
-        "libraries, disk. A line each, with the remedy for what is missing. Exit code 2 if something is.",
-    )
-
-
+@command(
+    "Show what this machine offers: cores, memory, GPU, compiler of kernels, OpenGL, Qt's "
+    "libraries, disk. A line each, with the remedy for what is missing. Exit code 2 if something is."
+)
 def run_doctor(_arguments: argparse.Namespace) -> int:
     """Print a line for each part of the machine; returns 2 if one has a remedy."""
     findings = [examine() for examine in (_cores, _memory, _gpu, _kernels, _opengl, _qt, _disk)]
-    for finding in findings:
-        remedy = f"; {finding.remedy}" if finding.remedy else ""
-        sys.stdout.write(f"{finding.name:<8}{finding.answer}{remedy}\n")
+    write_lines(
+        *(f"{name:<8}{'; '.join(filter(None, (answer, remedy)))}" for name, answer, remedy in findings)
+    )
     return 2 if any(finding.remedy for finding in findings) else 0
 
 

@@ -4,9 +4,8 @@ The window's exports are this command in a child process, so that both give the 
 """
 
 import argparse
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,18 +14,30 @@ from pydantic import BaseModel
 
 from homolog.io.project import ProjectFolder
 from homolog.progress import Tick
-from homolog_app.cli.analysis import add_report, run_report
+from homolog_app.cli.analysis import run_report
 from homolog_app.cli.export_pictures import (
-    add_motion_options,
-    add_plot_options,
-    add_scene_option,
+    COLOUR_BY,
+    MOTION,
+    SCENE,
     export_film,
     export_plot,
     export_screenshot,
     export_still,
 )
-from homolog_app.cli.options import add_options, add_progress_option, show_progress, with_options
-from homolog_app.cli.patient import add_patient_report, write_patient_report
+from homolog_app.cli.options import (
+    PROGRESS,
+    PROJECT,
+    Part,
+    add_command,
+    command,
+    declare,
+    option,
+    settings,
+    show_progress,
+    with_options,
+    write_lines,
+)
+from homolog_app.cli.patient import run_patient_report
 from homolog_app.exports.settings import (
     FilmSettings,
     MeshSettings,
@@ -37,7 +48,7 @@ from homolog_app.exports.settings import (
     TableSettings,
 )
 
-__all__ = ["add_export", "run_export"]
+__all__ = ["run_export"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +65,8 @@ class _Kind:
         What is written: ``"FOLDER"``, or ``"FILE"`` with remarks on its suffix.
     settings : type of BaseModel or None
         Settings whose options it has.
-    group : str
-        Help of ``--group COLUMN A B``; empty without that option.
-    options : callable
-        Declares further options.
+    options : tuple
+        Further options.
     """
 
     write: Callable[[argparse.Namespace, Any, Path, Tick], str]
@@ -65,36 +74,31 @@ class _Kind:
     description: str
     out: str
     settings: type[BaseModel] | None = None
-    group: str = ""
-    options: Callable[[argparse.ArgumentParser], None] = lambda parser: None
+    options: tuple[Part, ...] = ()
 
     def add(self, name: str, kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
         """Declare the kind."""
-        parser = kinds.add_parser(name, help=self.summary, description=self.description)
-        parser.add_argument("project", type=Path, help="project folder")
         what = "a new or empty folder" if self.out == "FOLDER" else f"{self.out}; replaced if it exists"
-        metavar = self.out.partition(" ")[0]
-        parser.add_argument("--out", type=Path, required=True, metavar=metavar, help=what)
-        add_progress_option(parser)
-        if self.group:
-            parser.add_argument("--group", nargs=3, metavar=("COLUMN", "A", "B"), help=self.group)
-        self.options(parser)
-        if self.settings is not None:
-            add_options(parser, self.settings)
+        out = option("--out", type=Path, required=True, metavar=self.out.partition(" ")[0], help=what)
+        given = () if self.settings is None else (settings(self.settings),)
+        parser = kinds.add_parser(name, help=self.summary, description=self.description)
+        declare(parser, (PROJECT, out, PROGRESS, *self.options, *given))
 
     def run(self, arguments: argparse.Namespace) -> int:
         """Export, and print where to; return the exit code."""
         from homolog.io.atomic import replace_folder
 
-        settings = None if self.settings is None else with_options(self.settings(), arguments)
-        with _exporting(arguments) as tick:
-            if self.out == "FOLDER":
-                with replace_folder(arguments.out) as folder:
-                    facts = self.write(arguments, settings, folder, tick)
-            else:
-                facts = self.write(arguments, settings, arguments.out, tick)
-        sys.stderr.write(f"{arguments.out}{f': {facts}' if facts else ''}\n")
+        chosen = None if self.settings is None else with_options(self.settings(), arguments)
+        is_folder = self.out == "FOLDER"
+        place = replace_folder(arguments.out) if is_folder else nullcontext(arguments.out)
+        with _exporting(arguments) as tick, place as out:
+            facts = self.write(arguments, chosen, out, tick)
+        write_lines(f"{arguments.out}{f': {facts}' if facts else ''}", aside=True)
         return 0
+
+
+def _of_groups(what: str) -> Part:
+    return option("--group", nargs=3, metavar=("COLUMN", "A", "B"), help=what)
 
 
 @contextmanager
@@ -127,9 +131,16 @@ def _write_tables(arguments: argparse.Namespace, settings: TableSettings, out: P
     return ""
 
 
-def _add_particles(parser: argparse.ArgumentParser) -> None:
-    numbers = "numbers of two particles, from 0"
-    parser.add_argument("--particles", nargs=2, type=int, required=True, metavar=("P", "Q"), help=numbers)
+_PARTICLES = (
+    option(
+        "--particles",
+        nargs=2,
+        type=int,
+        required=True,
+        metavar=("P", "Q"),
+        help="numbers of two particles, from 0",
+    ),
+)
 
 
 def _write_measures(arguments: argparse.Namespace, _: None, out: Path, tick: Tick) -> str:
@@ -143,15 +154,20 @@ def _write_measures(arguments: argparse.Namespace, _: None, out: Path, tick: Tic
     apart = distances_from_mean(result.world, result.world.mean(axis=0), result.mean_surface)
     measures = measure_meshes(meshes, apart, tick)
     write_measures(out, result, measures, *arguments.particles)
-    sys.stdout.writelines(f"{line}\n" for line in group_lines(result, measures, *arguments.particles))
+    write_lines(*group_lines(result, measures, *arguments.particles))
     return ""
 
 
-def _add_surfaces(parser: argparse.ArgumentParser) -> None:
-    written = "surface that is written, with a distance at each vertex"
-    parser.add_argument("--surface", required=True, help=written)
-    other = "surface from which distances are measured"
-    parser.add_argument("--from", dest="other", required=True, metavar="SURFACE", help=other)
+_SURFACES = (
+    option("--surface", required=True, help="surface that is written, with a distance at each vertex"),
+    option(
+        "--from",
+        dest="other",
+        required=True,
+        metavar="SURFACE",
+        help="surface from which distances are measured",
+    ),
+)
 
 
 def _write_distances(arguments: argparse.Namespace, _: None, out: Path, tick: Tick) -> str:
@@ -167,7 +183,7 @@ def _write_distances(arguments: argparse.Namespace, _: None, out: Path, tick: Ti
     shape = fit_model_shape(project.folder.name, loaded.method, result, part_of(tick, 0.4, 0.9))
     own = aligned_surfaces(loaded)
     pair = [named_surface(n, shape, own, result.groups)[0] for n in (arguments.surface, arguments.other)]
-    sys.stdout.write(f"{write_distances(out, *pair)}\n")
+    write_lines(write_distances(out, *pair))
     return ""
 
 
@@ -216,7 +232,7 @@ _KINDS = {
         "along mode 1 by default.",
         "FILE (.mp4, .gif, or no suffix for a folder of PNG pictures)",
         FilmSettings,
-        options=add_motion_options,
+        options=MOTION,
     ),
     "still": _Kind(
         export_still,
@@ -225,7 +241,7 @@ _KINDS = {
         "options.",
         "FILE (.png)",
         StillSettings,
-        options=add_motion_options,
+        options=MOTION,
     ),
     "screenshot": _Kind(
         export_screenshot,
@@ -235,7 +251,7 @@ _KINDS = {
         "modes, groups, measure and check.",
         "FILE (.png)",
         ScreenshotSettings,
-        options=add_scene_option,
+        options=SCENE,
     ),
     "plot": _Kind(
         export_plot,
@@ -243,8 +259,7 @@ _KINDS = {
         "Write a plot of the result.",
         "FILE (.svg, .pdf or .png)",
         PlotSettings,
-        "two groups of a column, for --kind difference and discriminant",
-        add_plot_options,
+        (_of_groups("two groups of a column, for --kind difference and discriminant"), COLOUR_BY),
     ),
     "meshes": _Kind(
         _write_meshes,
@@ -254,7 +269,7 @@ _KINDS = {
         "meshes.csv describes the files.",
         "FOLDER",
         MeshSettings,
-        "also the means of two groups of a column, with p and q of their difference",
+        (_of_groups("also the means of two groups of a column, with p and q of their difference"),),
     ),
     "cohort": _Kind(
         _write_cohort,
@@ -269,7 +284,7 @@ _KINDS = {
         "folder of tables for each study that homolog analyze stored, or for the groups given here.",
         "FOLDER",
         TableSettings,
-        "compare two groups of a column instead of exporting the stored studies",
+        (_of_groups("compare two groups of a column instead of exporting the stored studies"),),
     ),
     "measures": _Kind(
         _write_measures,
@@ -278,7 +293,7 @@ _KINDS = {
         "and mean wall thickness of the groomed surface at its original size; mean distance of the aligned "
         "particles from the mean surface. Print means, standard deviations and Welch's test by group.",
         "FILE.csv",
-        options=_add_particles,
+        options=_PARTICLES,
     ),
     "distances": _Kind(
         _write_distances,
@@ -287,7 +302,7 @@ _KINDS = {
         "inside), and print mean, root mean square, 95th percentile and maximum, both ways. A surface "
         "is a subject's name, mean, 'mean of GROUP', or a mesh file in aligned coordinates (LPS mm).",
         "FILE (.vtp or .ply)",
-        options=_add_surfaces,
+        options=_SURFACES,
     ),
     "particles": _Kind(
         _write_points,
@@ -321,26 +336,18 @@ _KINDS = {
 }
 
 
-def add_export(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command and its kinds."""
-    parser = subparsers.add_parser(
-        "export",
-        description="Export a project's result. If you press Ctrl-C, partial files are removed.",
-    )
+def _declare_kinds(parser: argparse.ArgumentParser) -> None:
     kinds = parser.add_subparsers(dest="what", metavar="WHAT", title="what to export", required=True)
     for name, kind in _KINDS.items():
         kind.add(name, kinds)
-    add_report(kinds)
-    add_patient_report(kinds)
+    page = "write one page about a project's model and studies, as HTML and PDF"
+    add_command(kinds, "report", run_report, page)
+    of_patient = "report of one patient against a reference as PDF or HTML"
+    add_command(kinds, "patient", run_patient_report, of_patient)
 
 
+@command("Export a project's result. If you press Ctrl-C, partial files are removed.", _declare_kinds)
 def run_export(arguments: argparse.Namespace) -> int:
     """Export; return the exit code."""
-    if arguments.what == "report":
-        return run_report(arguments)
-    if arguments.what == "patient":
-        with _exporting(arguments) as tick:
-            facts = write_patient_report(arguments, tick)
-        sys.stderr.write(f"{facts}\n{arguments.out}\n")
-        return 0
-    return _KINDS[arguments.what].run(arguments)
+    pages = {"report": run_report, "patient": run_patient_report}
+    return pages.get(arguments.what, lambda given: _KINDS[given.what].run(given))(arguments)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog.progress import Tick, part_of
+from homolog_app.cli.options import one_of, option
 from homolog_app.exports.settings import (
     SIGHTS,
     FilmSettings,
@@ -26,35 +27,7 @@ if TYPE_CHECKING:
     from homolog_app.rendering.content import ViewContents
     from homolog_app.scenes.states import Snapshot
 
-__all__ = [
-    "add_motion_options",
-    "add_plot_options",
-    "add_scene_option",
-    "export_film",
-    "export_plot",
-    "export_screenshot",
-    "export_still",
-]
-
-
-def add_motion_options(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--mode``, ``--group`` and ``--view``."""
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument(
-        "--mode", type=int, nargs="+", metavar="K", help="modes of variation, from 1; several form a grid"
-    )
-    what.add_argument(
-        "--group", nargs=3, metavar=("COLUMN", "A", "B"), help="from the mean of one group to that of another"
-    )
-    parser.add_argument(
-        "--view",
-        nargs="+",
-        type=_direction,
-        metavar="VIEW",
-        default=["oblique"],
-        help=f"view directions; several form a grid: {', '.join(SIGHTS)} (default oblique), or "
-        "camera:X,Y,Z,X,Y,Z, the directions to the viewer and upwards (LPS), as in the window's dialogs",
-    )
+__all__ = ["COLOUR_BY", "MOTION", "SCENE", "export_film", "export_plot", "export_screenshot", "export_still"]
 
 
 def _direction(text: str) -> str:
@@ -63,6 +36,30 @@ def _direction(text: str) -> str:
             f"{text!r} is not a view; choose {', '.join(SIGHTS)}, or camera: and six numbers"
         )
     return text
+
+
+MOTION = (
+    one_of(
+        option(
+            "--mode", type=int, nargs="+", metavar="K", help="modes of variation, from 1; several form a grid"
+        ),
+        option(
+            "--group",
+            nargs=3,
+            metavar=("COLUMN", "A", "B"),
+            help="from the mean of one group to that of another",
+        ),
+    ),
+    option(
+        "--view",
+        nargs="+",
+        type=_direction,
+        metavar="VIEW",
+        default=["oblique"],
+        help=f"view directions; several form a grid: {', '.join(SIGHTS)} (default oblique), or "
+        "camera:X,Y,Z,X,Y,Z, the directions to the viewer and upwards (LPS), as in the window's dialogs",
+    ),
+)
 
 
 def chosen_motions(arguments: argparse.Namespace, deviations: float) -> "Sequence[Motion]":
@@ -125,10 +122,7 @@ def export_still(arguments: argparse.Namespace, settings: StillSettings, out: Pa
     return f"{settings.width} x {settings.height} pixels"
 
 
-def add_scene_option(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--scene``."""
-    what = "JSON, or a file that contains it"
-    parser.add_argument("--scene", required=True, metavar="SCENE", help=what)
+SCENE = (option("--scene", required=True, metavar="SCENE", help="JSON, or a file that contains it"),)
 
 
 def export_screenshot(
@@ -175,10 +169,9 @@ def _snapshot(text: str) -> "Snapshot":
 _PLOT_SUFFIXES = (".svg", ".pdf", ".png")
 
 
-def add_plot_options(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--colour-by``."""
-    what = "column for the colours of scores (default group)"
-    parser.add_argument("--colour-by", metavar="COLUMN", default="group", help=what)
+COLOUR_BY = option(
+    "--colour-by", metavar="COLUMN", default="group", help="column for the colours of scores (default group)"
+)
 
 
 def export_plot(arguments: argparse.Namespace, settings: PlotSettings, out: Path, tick: Tick) -> str:

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 from typing import Any, TextIO, TypeVar
 
@@ -18,17 +19,100 @@ from homolog.parameters import Parameter, fault_text, parameters
 from homolog.settings import GroomSettings, Openings, RunSettings
 
 __all__ = [
+    "ANYWAY",
+    "PROGRESS",
+    "PROJECT",
+    "Part",
     "Progress",
-    "add_anyway_option",
-    "add_options",
-    "add_progress_option",
+    "add_command",
+    "command",
+    "declare",
     "handling",
+    "note",
+    "one_of",
+    "option",
     "options_of",
     "remaining_seconds",
+    "settings",
     "show_progress",
+    "titled",
     "with_all_options",
     "with_options",
+    "write_lines",
 ]
+
+Part = Callable[[Any], object]
+"""Declares an option, or several, on a parser or a group of one."""
+Run = Callable[[argparse.Namespace], int]
+_SomeRun = TypeVar("_SomeRun", bound=Run)
+_DECLARED: dict[Run, tuple[str, tuple[Part, ...], dict[str, Any]]] = {}
+
+
+def option(*names: str, **how: Any) -> Part:  # noqa: ANN401 - as argparse takes them
+    """Return an option or argument; the parameters are those of `argparse.ArgumentParser.add_argument`."""
+    return lambda parser: parser.add_argument(*names, **how)
+
+
+def one_of(*options: Part) -> Part:
+    """Return options of which at most one may be given."""
+    return lambda parser: declare(parser.add_mutually_exclusive_group(), options)
+
+
+def titled(title: str, *options: Part) -> Part:
+    """Return options that help lists under a title."""
+    return lambda parser: declare(parser.add_argument_group(title), options)
+
+
+def declare(parser: Any, parts: Sequence[Part]) -> None:  # noqa: ANN401 - groups have no public type
+    """Declare options on a parser."""
+    for part in parts:
+        part(parser)
+
+
+def command(description: str, *parts: Part, **how: Any) -> Callable[[_SomeRun], _SomeRun]:  # noqa: ANN401
+    """Decorate the function that runs a command.
+
+    Parameters
+    ----------
+    description : str
+        Shown by help.
+    parts : callable
+        Its options, in the order of help.
+    how : object
+        More for the parser.
+    """
+
+    def remember(run: _SomeRun) -> _SomeRun:
+        _DECLARED[run] = description, parts, how
+        return run
+
+    return remember
+
+
+def add_command(subparsers: Any, name: str, run: Run, summary: str) -> None:  # noqa: ANN401
+    """Add the parser of a command that `command` describes."""
+    description, parts, how = _DECLARED[run]
+    declare(subparsers.add_parser(name, help=summary, description=description, **how), parts)
+
+
+PROJECT = option("project", type=Path, help="project folder")
+ANYWAY = option("--anyway", action="store_true", help="use the model even if its verdict is: not usable")
+PROGRESS = option(
+    "--progress",
+    choices=["bar", "json", "none"],
+    default="bar",
+    help="bar (default), json (one object per line on standard output) or none",
+)
+
+
+def note(*lines: str) -> None:
+    """Write lines that begin with the program's name to standard error."""
+    write_lines(*(f"homolog: {line}" for line in lines), aside=True)
+
+
+def write_lines(*lines: str, aside: bool = False) -> None:
+    """Write lines to standard output, or aside, to standard error."""
+    (sys.stderr if aside else sys.stdout).writelines(f"{line}\n" for line in lines)
 
 
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -38,30 +122,24 @@ _LABEL_HELP = (
 )
 
 
-def add_options(
-    parser: argparse.ArgumentParser, model: type[BaseModel], leaving_out: Sequence[str] = ()
-) -> None:
-    """Declare an option for each setting of the model; options not given are absent from the arguments."""
-    group = parser.add_argument_group(_title(model))
+def settings(model: type[BaseModel], leaving_out: Sequence[str] = ()) -> Part:
+    """Return an option for each setting of a model; those not given are absent from the arguments."""
+    options: list[Part] = []
     for parameter in parameters(model):
         if parameter.name in leaving_out:
             continue
+        how: dict[str, Any] = {"metavar": _metavar(parameter)}
         if parameter.kind is bool:
-            how: dict[str, Any] = {"action": argparse.BooleanOptionalAction}
-        else:
-            how = {"metavar": _metavar(parameter)}
+            how = {"action": argparse.BooleanOptionalAction}
         summary = _help(parameter)
         if model is GroomSettings and parameter.name == "label":
             how, summary = {"metavar": "LABEL"}, _LABEL_HELP
-        group.add_argument(_option(parameter), default=argparse.SUPPRESS, help=summary, **how)
+        options.append(option(_option(parameter), default=argparse.SUPPRESS, help=summary, **how))
         for short in (Openings.OPEN, Openings.CLOSE) if parameter.kind is Openings else ():
             how = {"action": "store_const", "const": short.value, "dest": parameter.name}
-            group.add_argument(
-                f"--{short}",
-                default=argparse.SUPPRESS,
-                help=f"Short for {_option(parameter)} {short}.",
-                **how,
-            )
+            about = f"Short for {_option(parameter)} {short}."
+            options.append(option(f"--{short}", default=argparse.SUPPRESS, help=about, **how))
+    return titled(_title(model), *options)
 
 
 def with_options(settings: _Model, arguments: argparse.Namespace) -> _Model:
@@ -144,23 +222,6 @@ def _help(parameter: Parameter) -> str:
 _WIDTH = 28
 _REDRAW_S = 0.1
 _LINE_S = 10.0
-
-
-def add_anyway_option(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--anyway``, for commands that refuse models whose verdict is *not usable*."""
-    parser.add_argument(
-        "--anyway", action="store_true", help="use the model even if its verdict is: not usable"
-    )
-
-
-def add_progress_option(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--progress``."""
-    parser.add_argument(
-        "--progress",
-        choices=["bar", "json", "none"],
-        default="bar",
-        help="bar (default), json (one object per line on standard output) or none",
-    )
 
 
 def remaining_seconds(fraction: float, elapsed: float) -> float | None:

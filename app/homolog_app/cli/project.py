@@ -5,60 +5,51 @@ import json
 import sys
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from homolog.cohort import with_table, with_values_of
 from homolog.errors import InputError, NumericalError
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord, ResultRecord, note_lines
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings, Values
-from homolog_app.cli.cohort import add_cohort_options, add_missing_option, cohort_of
+from homolog_app.cli.cohort import MISSING, cohort_of, cohort_options
 from homolog_app.cli.options import (
+    PROGRESS,
+    PROJECT,
     Progress,
-    add_options,
-    add_progress_option,
+    command,
+    note,
+    option,
+    settings,
     show_progress,
     with_all_options,
+    write_lines,
 )
 from homolog_app.cli.run import interrupt_cancels
+from homolog_app.rendering.text import aligned
 
 if TYPE_CHECKING:
     from homolog.io.structures import Structure, Structures
     from homolog.run.batch import BatchItem
     from homolog.run.events import RunStatus
 
-__all__ = [
-    "add_batch",
-    "add_import",
-    "add_info",
-    "add_labels",
-    "add_table",
-    "run_batch",
-    "run_import",
-    "run_info",
-    "run_labels",
-    "run_table",
-]
+__all__ = ["run_batch", "run_import", "run_info", "run_labels", "run_table"]
 
 _NAMES_OF_NOTE = 5
 
 
-def add_info(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    parser = subparsers.add_parser("info", description="Show what a project contains.")
-    parser.add_argument("project", type=Path, help="project folder")
-    parser.add_argument("--json", action="store_true", help="print the complete record as JSON")
-
-
+@command(
+    "Show what a project contains.",
+    PROJECT,
+    option("--json", action="store_true", help="print the complete record as JSON"),
+)
 def run_info(arguments: argparse.Namespace) -> int:
     """Print the record; return the exit code."""
     project = ProjectFolder(arguments.project)
     project.recover()
     record = project.read()
-    if arguments.json:
-        sys.stdout.write(record.model_dump_json(indent=2) + "\n")
-    else:
-        sys.stdout.write("".join(f"{name:<12} {value}\n" for name, value in _facts(project, record)))
+    facts = (f"{name:<12} {value}" for name, value in _facts(project, record))
+    write_lines(*([record.model_dump_json(indent=2)] if arguments.json else facts))
     return 0
 
 
@@ -127,21 +118,16 @@ def _groups(groups: list[str | None]) -> str:
     return f"{len(groups)} ({listed})" if listed else str(len(groups))
 
 
-def add_table(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "table",
-        description="Add or replace groups and covariates of a project from a table (CSV with commas, "
-        "semicolons or tabs, or XLSX). Its column name, subject or id, or else the first column, contains "
-        "the subjects' names or the names of their files. Empty cells keep the current value. Particles do "
-        "not change.",
-    )
-    parser.add_argument("project", type=Path, help="project folder")
-    parser.add_argument("table", type=Path, nargs="?", help="table to read; not needed with --missing")
-    add_missing_option(parser)
-    parser.add_argument("--dry-run", action="store_true", help="only show the changes")
-
-
+@command(
+    "Add or replace groups and covariates of a project from a table (CSV with commas, "
+    "semicolons or tabs, or XLSX). Its column name, subject or id, or else the first column, contains "
+    "the subjects' names or the names of their files. Empty cells keep the current value. Particles do "
+    "not change.",
+    PROJECT,
+    option("table", type=Path, nargs="?", help="table to read; not needed with --missing"),
+    MISSING,
+    option("--dry-run", action="store_true", help="only show the changes"),
+)
 def run_table(arguments: argparse.Namespace) -> int:
     """Print the changes and write them; return the exit code."""
     from homolog.io.project_table import update_table
@@ -155,28 +141,23 @@ def run_table(arguments: argparse.Namespace) -> int:
             changes = with_values_of(subjects, subjects, arguments.missing)
         else:
             changes = with_table(subjects, arguments.table, arguments.missing)
-        sys.stdout.write("".join(f"{line}\n" for line in changes.lines))
+        write_lines(*changes.lines)
         if arguments.dry_run:
-            sys.stdout.write("nothing was written (--dry-run)\n")
+            write_lines("nothing was written (--dry-run)")
         elif not changes.is_empty:
             update_table(project, changes.subjects)
-            sys.stdout.write(f"written to {project.folder}\n")
+            write_lines(f"written to {project.folder}")
     return 0
 
 
-def add_import(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "import",
-        description="Create a project from a ShapeWorks project (.swproj, .xlsx) or a folder of .particles "
-        "files. Its result can be viewed and analyzed; nothing is optimized.",
-    )
-    parser.add_argument("source", type=Path, help=".swproj or .xlsx file, or folder of .particles")
-    parser.add_argument("project", type=Path, help="project folder to create")
-    parser.add_argument("--domain", metavar="NAME", help="anatomy to import if the project has several")
-    add_progress_option(parser)
-
-
+@command(
+    "Create a project from a ShapeWorks project (.swproj, .xlsx) or a folder of .particles "
+    "files. Its result can be viewed and analyzed; nothing is optimized.",
+    option("source", type=Path, help=".swproj or .xlsx file, or folder of .particles"),
+    option("project", type=Path, help="project folder to create"),
+    option("--domain", metavar="NAME", help="anatomy to import if the project has several"),
+    PROGRESS,
+)
 def run_import(arguments: argparse.Namespace) -> int:
     """Import the model; return the exit code."""
     from homolog.run.import_model import import_model
@@ -184,33 +165,25 @@ def run_import(arguments: argparse.Namespace) -> int:
     project = ProjectFolder(arguments.project)
     with show_progress(arguments.progress) as progress:
         notes = import_model(arguments.source, project, domain=arguments.domain, tick=progress.tick)
-    for note in notes:
-        sys.stderr.write(f"homolog: note: {note}\n")
+    note(*(f"note: {text}" for text in notes))
     result = project.read().result
     assert result is not None, "an imported project has a result"
-    stream = sys.stderr if arguments.progress == "json" else sys.stdout
-    stream.write(
-        f"{len(result.subjects)} subjects x {result.particles} particles\nresults in {project.folder}\n"
-    )
+    count = f"{len(result.subjects)} subjects x {result.particles} particles"
+    write_lines(count, f"results in {project.folder}", aside=arguments.progress == "json")
     return 0
 
 
 _HEADS = ("name", "number", "subjects", "volume (ml): min", "median", "max", "at border")
 
 
-def add_labels(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "labels",
-        description="List the structures in a cohort's files: names, numbers, numbers of subjects, "
-        "volumes, and numbers of images whose border they touch, where they may be cut off. Use homolog run "
-        "COHORT --label NAME for one of them, homolog batch for all.",
-    )
-    add_cohort_options(parser, "folder of label maps, cohort.csv, or project")
-    parser.add_argument("--json", action="store_true", help="print all volumes as JSON")
-    add_progress_option(parser)
-
-
+@command(
+    "List the structures in a cohort's files: names, numbers, numbers of subjects, "
+    "volumes, and numbers of images whose border they touch, where they may be cut off. Use homolog run "
+    "COHORT --label NAME for one of them, homolog batch for all.",
+    *cohort_options("folder of label maps, cohort.csv, or project"),
+    option("--json", action="store_true", help="print all volumes as JSON"),
+    PROGRESS,
+)
 def run_labels(arguments: argparse.Namespace) -> int:
     """List the structures; return the exit code."""
     from homolog.io.structures import list_structures
@@ -218,28 +191,18 @@ def run_labels(arguments: argparse.Namespace) -> int:
     cohort = cohort_of(arguments)
     with show_progress(arguments.progress) as progress:
         listed = list_structures(cohort, progress.tick)
-    if arguments.json:
-        sys.stdout.write(json.dumps(_record(listed), indent=2) + "\n")
-    else:
-        _print_structures(listed, len(cohort.subjects))
-    for message in (*listed.problems.values(), *listed.unavailable):
-        sys.stderr.write(f"homolog: {message}\n")
+    lines = _structure_lines(listed, len(cohort.subjects))
+    write_lines(*([json.dumps(_record(listed), indent=2)] if arguments.json else lines))
+    note(*listed.problems.values(), *listed.unavailable)
     return 0
 
 
-def _print_structures(listed: "Structures", subjects: int) -> None:
+def _structure_lines(listed: "Structures", subjects: int) -> list[str]:
     if not listed.structures and not listed.empty:
-        sys.stdout.write("the files contain no labelled structure\n")
-        return
+        return ["the files contain no labelled structure"]
     rows = [_HEADS, *(_structure_row(structure, subjects) for structure in listed.structures)]
     rows += [(name, "-", f"0/{subjects}", "-", "-", "-", "-") for name in listed.empty]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        cells = [
-            row[0].ljust(widths[0]),
-            *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:], strict=True)),
-        ]
-        sys.stdout.write("  ".join(cells) + "\n")
+    return aligned(rows, to_right=True)
 
 
 def _structure_row(structure: "Structure", subjects: int) -> tuple[str, ...]:
@@ -268,37 +231,33 @@ def _record(listed: "Structures") -> dict[str, object]:
     return {"structures": structures, "empty": listed.empty, "problems": dict(listed.problems)}
 
 
-def add_batch(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "batch",
-        description="Compute a shape model of each structure in a cohort's label maps, each in its own "
-        "project, and an index.html that lists them. A model contains the subjects that have the structure. "
-        "If one structure fails, the others continue. After Ctrl-C the same command continues.",
-    )
-    add_cohort_options(parser, "folder of label maps, cohort.csv, or project")
-    parser.add_argument("--out", type=Path, required=True, help="folder for the projects and the index")
-    parser.add_argument(
+@command(
+    "Compute a shape model of each structure in a cohort's label maps, each in its own "
+    "project, and an index.html that lists them. A model contains the subjects that have the structure. "
+    "If one structure fails, the others continue. After Ctrl-C the same command continues.",
+    *cohort_options("folder of label maps, cohort.csv, or project"),
+    option("--out", type=Path, required=True, help="folder for the projects and the index"),
+    option(
         "--labels",
         default="all",
         metavar="NAME,NAME",
         help="names or numbers of structures, separated by commas, as homolog labels lists them (default: "
         "all)",
-    )
-    parser.add_argument(
+    ),
+    option(
         "--min-subjects",
         type=int,
         default=3,
         metavar="N",
         help="skip structures with fewer subjects (2 or more, default 3)",
-    )
-    parser.add_argument("--restart", action="store_true", help="compute finished structures again")
-    parser.add_argument("--no-figures", dest="figures", action="store_false", help="write no pictures")
-    add_progress_option(parser)
-    for model in (OptimizeSettings, GroomSettings, RunSettings):
-        add_options(parser, model, leaving_out=("label", "segment"))
-
-
+    ),
+    option("--restart", action="store_true", help="compute finished structures again"),
+    option("--no-figures", dest="figures", action="store_false", help="write no pictures"),
+    PROGRESS,
+    settings(OptimizeSettings, leaving_out=("label", "segment")),
+    settings(GroomSettings, leaving_out=("label", "segment")),
+    settings(RunSettings, leaving_out=("label", "segment")),
+)
 def run_batch(arguments: argparse.Namespace) -> int:
     """Run the batch; return the exit code."""
     from homolog.io.structures import chosen_structures, list_structures
@@ -312,8 +271,7 @@ def run_batch(arguments: argparse.Namespace) -> int:
     cohort, values = cohort_of(arguments), settings.groom.values or Values.LABELS
     with show_progress(arguments.progress) as progress:
         listed = list_structures(cohort, progress.tick, values)
-    for message in (*listed.problems.values(), *listed.unavailable):
-        sys.stderr.write(f"homolog: skipped: {message}\n")
+    note(*(f"skipped: {text}" for text in (*listed.problems.values(), *listed.unavailable)))
     if not listed.structures and not listed.empty:
         raise InputError(
             f"{arguments.cohort}: its files contain no labelled structure; use homolog run for surfaces"
@@ -324,7 +282,7 @@ def run_batch(arguments: argparse.Namespace) -> int:
             f"{arguments.cohort}: the masks of all subjects are empty: {', '.join(listed.empty)}"
         )
     for name in listed.empty:
-        _print_empty(name, arguments.progress)
+        _print_state(name, "empty", "the masks of all subjects are empty", arguments.progress)
     batch = Batch(
         cohort.without(set(listed.problems)),
         structures,
@@ -348,10 +306,10 @@ def run_batch(arguments: argparse.Namespace) -> int:
         reason = batch.execute(observe, ended)
     failed = [entry for entry in batch.items if entry.state is ItemState.FAILED]
     if reason is FinishReason.CANCELLED:
-        sys.stderr.write("cancelled; the same command continues the batch\n")
+        write_lines("cancelled; the same command continues the batch", aside=True)
         return CANCELLED
     if arguments.progress != "json":
-        sys.stdout.write(f"{arguments.out / 'index.html'}\n")
+        write_lines(str(arguments.out / "index.html"))
     return PROGRAM_ERROR if failed else OK
 
 
@@ -361,16 +319,15 @@ def _draw(item: "BatchItem", progress: Progress) -> None:
     try:
         draw_figures(item.project, progress.tick)
     except (InputError, NumericalError) as error:
-        sys.stderr.write(f"homolog: {item.structure.title}: no pictures: {error}\n")
+        note(f"{item.structure.title}: no pictures: {error}")
 
 
-def _print_empty(name: str, mode: str) -> None:
-    """Print a line for a structure without a voxel in any subject."""
-    message = "the masks of all subjects are empty"
-    if mode == "json":
-        sys.stdout.write(json.dumps({"structure": name, "state": "empty", "message": message}) + "\n")
-    else:
-        sys.stdout.write(f"{name}: empty: {message}\n")
+def _print_state(name: str, state: str, message: str, mode: str, more: str = "") -> None:
+    """Print a line for a structure."""
+    record = {"structure": name, "state": state, "message": message}
+    text = f"{name}: {state}{f': {message}' if message else ''}{more}"
+    write_lines(json.dumps(record) if mode == "json" else text)
+    sys.stdout.flush()
 
 
 def _print_item(item: "BatchItem", mode: str) -> None:
@@ -378,13 +335,6 @@ def _print_item(item: "BatchItem", mode: str) -> None:
     counts = f"{len(item.structure.by_subject)} subjects" + (
         f", absent in {len(item.absent)}" if item.absent else ""
     )
-    kept = " before" if item.was_there else ""
-    why = f": {item.message}" if item.message else ""
-    if mode == "json":
-        record = {"structure": item.structure.title, "state": item.state, "message": item.message}
-        sys.stdout.write(json.dumps(record) + "\n")
-    else:
-        sys.stdout.write(f"{item.structure.title}: {item.state}{kept}{why} ({counts})\n")
-        sys.stdout.flush()
-    for line in item.left_out:
-        sys.stderr.write(f"homolog: {item.structure.title}: skipped: {line}\n")
+    state = f"{item.state} before" if item.was_there and mode != "json" else item.state
+    _print_state(item.structure.title, state, item.message, mode, f" ({counts})")
+    note(*(f"{item.structure.title}: skipped: {line}" for line in item.left_out))

@@ -3,7 +3,6 @@
 import argparse
 import json
 import signal
-import sys
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from shlex import quote
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from homolog.cohort import (
     IMAGE_SUFFIXES,
@@ -30,19 +29,23 @@ from homolog.cohort import (
 from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
-from homolog_app.cli.cohort import add_cohort_options, as_options, cohort_of, read_with_notes
+from homolog_app.cli.cohort import as_options, cohort_of, cohort_options, read_with_notes
 from homolog_app.cli.options import (
-    add_options,
-    add_progress_option,
+    PROGRESS,
+    command,
     handling,
+    note,
+    option,
+    settings,
     show_progress,
     with_all_options,
+    write_lines,
 )
 
 if TYPE_CHECKING:
     from homolog.run import Run, RunStatus
 
-__all__ = ["add_run", "add_worker", "interrupt_cancels", "run_run", "run_worker"]
+__all__ = ["interrupt_cancels", "run_run", "run_worker"]
 
 
 _SHOWN_FILES = 3
@@ -50,38 +53,32 @@ _LISTED = 12
 """Largest number of structures in a message."""
 
 
-def add_run(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "run",
-        description="Groom a cohort, place corresponding particles on its surfaces and compute the shape "
-        "model. Ctrl-C stops the run; --resume continues it. If the project has a result with fewer "
-        "particles, particles are added to it. If it already has this result, only groups and covariates are "
-        "updated.",
-    )
-    add_cohort_options(parser, "folder of segmentations or meshes, cohort.csv, or project")
-    parser.add_argument(
-        "--out", type=Path, help="project folder to create (default: COHORT, if it is a project)"
-    )
-    parser.add_argument("--resume", action="store_true", help="continue a run that was cancelled or killed")
-    parser.add_argument(
+@command(
+    "Groom a cohort, place corresponding particles on its surfaces and compute the shape "
+    "model. Ctrl-C stops the run; --resume continues it. If the project has a result with fewer "
+    "particles, particles are added to it. If it already has this result, only groups and covariates are "
+    "updated.",
+    *cohort_options("folder of segmentations or meshes, cohort.csv, or project"),
+    option("--out", type=Path, help="project folder to create (default: COHORT, if it is a project)"),
+    option("--resume", action="store_true", help="continue a run that was cancelled or killed"),
+    option(
         "--fit",
         type=Path,
         nargs="+",
         metavar="FILE",
         help="fit new subjects (files, folders or a cohort.csv) to the project's result, which does not "
         "change",
-    )
-    parser.add_argument(
+    ),
+    option(
         "--restart", action="store_true", help="place all particles from the start, even if there is a result"
-    )
-    parser.add_argument("--skip-invalid", action="store_true", help="skip files that can't be used")
-    parser.add_argument("--no-figures", dest="figures", action="store_false", help="write no pictures")
-    add_progress_option(parser)
-    for model in (OptimizeSettings, GroomSettings, RunSettings):
-        add_options(parser, model)
-
-
+    ),
+    option("--skip-invalid", action="store_true", help="skip files that can't be used"),
+    option("--no-figures", dest="figures", action="store_false", help="write no pictures"),
+    PROGRESS,
+    settings(OptimizeSettings),
+    settings(GroomSettings),
+    settings(RunSettings),
+)
 def run_run(arguments: argparse.Namespace) -> int:
     """Run the pipeline; return the exit code."""
     project, cohort, settings = _run_inputs(arguments)
@@ -110,7 +107,7 @@ def run_run(arguments: argparse.Namespace) -> int:
             if status.cluster not in ("", shown):
                 shown = status.cluster
                 progress.close()
-                sys.stderr.write(f"homolog: note: {shown}\n")
+                note(f"note: {shown}")
             progress.show(status.fraction, status.message, status.eta_s, status.phase)
             if arguments.figures and status.phase is Phase.MODELING:
                 _start_drawing()
@@ -119,8 +116,7 @@ def run_run(arguments: argparse.Namespace) -> int:
             reason = job.execute(observe)
         except InputError as error:
             raise _with_remedy(error, job, len(cohort.subjects)) from error
-    for note in job.notes:
-        sys.stderr.write(f"homolog: skipped: {note}\n")
+    note(*(f"skipped: {text}" for text in job.notes))
     done = reason is FinishReason.COMPLETED
     if done:
         _report_grooming(project)
@@ -129,10 +125,8 @@ def run_run(arguments: argparse.Namespace) -> int:
 
         with show_progress(arguments.progress) as progress:
             draw_figures(project, progress.tick)
-    if arguments.progress == "json":
-        sys.stdout.write(json.dumps({"reason": reason, "project": str(project.folder)}) + "\n")
-    elif done:
-        sys.stdout.write(f"{_summary(project)}\n{_verdict(project)}\nresults in {project.folder}\n")
+    if done or arguments.progress == "json":
+        _report_end(project, arguments.progress, reason)
     if not done:
         _report_cancelled(job)
     return OK if done else CANCELLED
@@ -196,17 +190,18 @@ def _update_table(arguments: argparse.Namespace, project: ProjectFolder, cohort:
         changes = with_values_of(project.cohort().subjects, cohort.subjects, arguments.missing)
         if not changes.is_empty:
             update_table(project, changes.subjects)
-    sys.stderr.write(
-        "homolog: this project already has the result of these files and settings; --restart computes it "
-        "again\n"
-    )
-    for line in () if changes.is_empty else changes.lines[1:]:
-        sys.stderr.write(f"homolog: table: {line}\n")
-    if arguments.progress == "json":
-        sys.stdout.write(json.dumps({"reason": "completed", "project": str(project.folder)}) + "\n")
-    else:
-        sys.stdout.write(f"{_summary(project)}\n{_verdict(project)}\nresults in {project.folder}\n")
+    note("this project already has the result of these files and settings; --restart computes it again")
+    note(*(f"table: {line}" for line in (() if changes.is_empty else changes.lines[1:])))
+    _report_end(project, arguments.progress, "completed")
     return 0
+
+
+def _report_end(project: ProjectFolder, mode: str, reason: str) -> None:
+    """Print what the project has now, or why the run ended."""
+    if mode == "json":
+        write_lines(json.dumps({"reason": reason, "project": str(project.folder)}))
+    else:
+        write_lines(_summary(project), _verdict(project), f"results in {project.folder}")
 
 
 def _report_grooming(project: ProjectFolder) -> None:
@@ -214,19 +209,18 @@ def _report_grooming(project: ProjectFolder) -> None:
     result = project.read().result
     if result is None:
         return
-    for remark in [*filter(None, [result.mirrored_text]), *result.remarks]:
-        sys.stderr.write(f"homolog: note: {remark}\n")
+    note(*(f"note: {remark}" for remark in filter(None, [result.mirrored_text, *result.remarks])))
 
 
 def _report_cancelled(job: "Run") -> None:
     """After a cancelled run: keep its particles if there is no better result, and print how to continue."""
     project = job.project
     if not project.exists:
-        sys.stderr.write("cancelled\n")
+        write_lines("cancelled", aside=True)
         return
     if project.read().result is None and job.keep():
-        sys.stderr.write("the particles placed so far are saved as a result\n")
-    sys.stderr.write(f"cancelled; to continue: homolog run {quote(str(project.folder))} --resume\n")
+        write_lines("the particles placed so far are saved as a result", aside=True)
+    write_lines(f"cancelled; to continue: homolog run {quote(str(project.folder))} --resume", aside=True)
 
 
 def _summary(project: ProjectFolder) -> str:
@@ -315,23 +309,23 @@ def _adds_particles(
     if result is None:
         return False
     if arguments.restart or not adds_particles(result, cohort, settings):
-        sys.stderr.write(
-            f"homolog: this run will replace the result of {len(result.subjects)} subjects x "
-            f"{result.particles} particles when it ends; cancel it to keep that result\n"
+        note(
+            f"this run will replace the result of {len(result.subjects)} subjects x "
+            f"{result.particles} particles when it ends; cancel it to keep that result"
         )
         new = new_subjects(result, cohort, settings)
         if new and not arguments.restart:
             files = " ".join(quote(str(subject.path)) for subject in new[:_SHOWN_FILES])
             rest = " …" if len(new) > _SHOWN_FILES else ""
-            sys.stderr.write(
-                f"homolog: to keep it and only add the {len(new)} new: homolog run "
-                f"{quote(str(project.folder))} --fit {files}{rest}\n"
+            note(
+                f"to keep it and only add the {len(new)} new: homolog run "
+                f"{quote(str(project.folder))} --fit {files}{rest}"
             )
         return False
     more = settings.optimize.particles - result.particles
-    sys.stderr.write(
-        f"homolog: adding {more} particles to the {result.particles} of the result; --restart places all "
-        "particles from the start\n"
+    note(
+        f"adding {more} particles to the {result.particles} of the result; --restart places all "
+        "particles from the start"
     )
     return True
 
@@ -348,20 +342,15 @@ def interrupt_cancels(cancel: Callable[[], None]) -> Iterator[None]:
         yield
 
 
-def add_worker(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "worker",
-        description="Process subjects for a Dask scheduler until the scheduler ends or Ctrl-C is pressed. "
-        "Start one worker per core, on any machine with the same file paths, and use homolog run --cluster.",
-    )
-    parser.add_argument("address", help="address of the scheduler, such as tcp://node1:8786")
-
-
+@command(
+    "Process subjects for a Dask scheduler until the scheduler ends or Ctrl-C is pressed. "
+    "Start one worker per core, on any machine with the same file paths, and use homolog run --cluster.",
+    option("address", help="address of the scheduler, such as tcp://node1:8786"),
+)
 def run_worker(arguments: argparse.Namespace) -> int:
     """Run the worker; return the exit code."""
     from homolog.cluster import serve_as_worker
 
-    sys.stderr.write(f"working for {arguments.address}; press Ctrl-C to stop\n")
+    write_lines(f"working for {arguments.address}; press Ctrl-C to stop", aside=True)
     serve_as_worker(arguments.address)
     return 0

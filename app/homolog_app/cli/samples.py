@@ -4,11 +4,10 @@ import argparse
 import sys
 from pathlib import Path
 from shlex import quote
-from typing import Any
 
-from homolog_app.cli.options import add_progress_option, show_progress
+from homolog_app.cli.options import PROGRESS, command, option, show_progress
 
-__all__ = ["add_beans", "add_sample", "run_beans", "run_sample"]
+__all__ = ["run_beans", "run_sample"]
 
 _KINDS = {
     "hearts": "left ventricles, healthy and after an infarct that thins a sector of the wall",
@@ -18,25 +17,22 @@ _KINDS = {
 }
 
 
-def add_sample(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    kinds = "\n".join(f"  {kind:<11}{text}" for kind, text in _KINDS.items())
-    parser = subparsers.add_parser(
-        "sample",
-        description="Generate a study to try Homolog on: label maps or meshes, cohort.csv with group, age, "
-        f"sex and side, and truth/ with corresponding vertices and the true effect.\n\n{kinds}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("kind", choices=list(_KINDS), help="anatomy")
-    parser.add_argument("--subjects", type=int, default=20, help="number of subjects (default 20)")
-    parser.add_argument("--out", type=Path, required=True, help="output folder")
-    parser.add_argument("--seed", type=int, default=5, help="random seed (default 5)")
-    parser.add_argument(
+_ANATOMIES = "\n".join(f"  {kind:<11}{text}" for kind, text in _KINDS.items())
+
+
+@command(
+    "Generate a study to try Homolog on: label maps or meshes, cohort.csv with group, age, "
+    f"sex and side, and truth/ with corresponding vertices and the true effect.\n\n{_ANATOMIES}",
+    option("kind", choices=list(_KINDS), help="anatomy"),
+    option("--subjects", type=int, default=20, help="number of subjects (default 20)"),
+    option("--out", type=Path, required=True, help="output folder"),
+    option("--seed", type=int, default=5, help="random seed (default 5)"),
+    option(
         "--scans", action="store_true", help="also write NAME_image.nrrd, the grey values behind label maps"
-    )
-    add_progress_option(parser)
-
-
+    ),
+    PROGRESS,
+    formatter_class=argparse.RawDescriptionHelpFormatter,
+)
 def run_sample(arguments: argparse.Namespace) -> int:
     """Write the study; return the exit code."""
     from homolog.samples import make_study, write_study
@@ -61,24 +57,19 @@ def run_sample(arguments: argparse.Namespace) -> int:
 _GEOMETRIES = ("wide", "narrow")
 
 
-def add_beans(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "beans",
-        description="Generate the paper's coffee-bean cohort: label volumes (NRRD) and truth.csv.",
-    )
-    parser.add_argument("out", type=Path, help="output folder")
-    parser.add_argument("--shapes", type=int, default=10, help="number of beans (default 10)")
-    parser.add_argument("--seed", type=int, default=5, help="random seed of positions and widths (default 5)")
-    parser.add_argument(
+@command(
+    "Generate the paper's coffee-bean cohort: label volumes (NRRD) and truth.csv.",
+    option("out", type=Path, help="output folder"),
+    option("--shapes", type=int, default=10, help="number of beans (default 10)"),
+    option("--seed", type=int, default=5, help="random seed of positions and widths (default 5)"),
+    option(
         "--geometry",
         choices=_GEOMETRIES,
         default="wide",
         help="wide: slots overlap across the cohort (default); narrow: a stress test that no method passes",
-    )
-    add_progress_option(parser)
-
-
+    ),
+    PROGRESS,
+)
 def run_beans(arguments: argparse.Namespace) -> int:
     """Write the cohort; return the exit code."""
     from homolog.beans.files import write_beans

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ENERGIES",
+    "aligned",
     "complete_text",
     "complete_texts",
     "direction_letters",
@@ -47,6 +48,16 @@ ENERGIES = {
 _USUAL = "DejaVu Sans"
 _BOX = "□"
 _ODD = ("bold", "italic", "oblique", "black", "light", "thin", "mono", "serif")
+
+
+def aligned(rows: Sequence[Sequence[str]], *, to_right: bool = False) -> list[str]:
+    """Return the lines of a table in a fixed font, the columns after the first to the left or right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = [cell.rjust(w) if to_right else cell.ljust(w) for cell, w in zip(row, widths, strict=True)]
+        lines.append("  ".join([row[0].ljust(widths[0]), *cells[1:]]).rstrip())
+    return lines
 
 
 @cache

@@ -6,6 +6,7 @@ from homolog.comparison.plan import Plan, Stability
 from homolog.comparison.question import ALIGNED
 from homolog.errors import InputError
 from homolog.io.atomic import write_text
+from homolog_app.rendering.text import aligned
 from homolog_app.report import NOTICE
 from homolog_app.report.page import Page
 from homolog_app.report.sheets import write_page
@@ -72,11 +73,7 @@ def plan_lines(plan: Plan) -> list[str]:
     lines = _what(plan)
     tables = [[_COLUMNS, *_rows(plan)], [_STABILITY, *map(_stable, plan.stability)]]
     for table in tables:
-        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-        lines.append("")
-        for row in table:
-            cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-            lines.append("  ".join(cells).rstrip())
+        lines += ["", *aligned(table)]
     return lines
 
 

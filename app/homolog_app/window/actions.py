@@ -19,7 +19,6 @@ from PySide6.QtWidgets import (
     QAbstractScrollArea,
     QDialog,
     QGridLayout,
-    QHBoxLayout,
     QHeaderView,
     QLineEdit,
     QMainWindow,
@@ -28,13 +27,22 @@ from PySide6.QtWidgets import (
     QToolTip,
     QTreeWidget,
     QTreeWidgetItem,
-    QVBoxLayout,
     QWidget,
 )
 
 from homolog_app.window.commands import COMMANDS, MENUS, Command, command
 from homolog_app.window.theme import Theme, icon
-from homolog_app.window.widgets import GRID, button, keep_space, label
+from homolog_app.window.widgets import (
+    DIALOG_EDGES,
+    GRID,
+    button,
+    column,
+    grid,
+    having,
+    keep_space,
+    label,
+    row,
+)
 
 __all__ = [
     "Actions",
@@ -266,18 +274,12 @@ class CommandPalette(QDialog):
         self.resize(560, 420)
         self.query = QLineEdit(placeholderText="Find a command…")
         self.query.setAccessibleName("Find a command")
-        self.list = QTreeWidget()
-        self.list.setColumnCount(2)
-        self.list.setHeaderHidden(True)
-        self.list.setRootIsDecorated(False)
+        self.list = QTreeWidget(columnCount=2)
+        having(self.list, headerHidden=True, rootIsDecorated=False, accessibleName="Commands")
         self.list.header().setStretchLastSection(False)
         self.list.header().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
         self.list.header().setSectionResizeMode(1, QHeaderView.ResizeMode.ResizeToContents)
-        self.list.setAccessibleName("Commands")
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(8, 8, 8, 8)
-        layout.addWidget(self.query)
-        layout.addWidget(self.list)
+        column(self.query, self.list, on=self, edges=(GRID,))
         self.query.textChanged.connect(self._fill)
         self.query.returnPressed.connect(lambda: self._choose())
         self.list.itemActivated.connect(self._choose)
@@ -348,35 +350,21 @@ class ShortcutSheet(QDialog):
         super().__init__(parent)
         self.setWindowTitle("Keyboard shortcuts")
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        row = QHBoxLayout()
-        row.setSpacing(5 * GRID)
-        for menus in _COLUMNS:
-            column = QVBoxLayout()
-            column.setSpacing(GRID)
-            for menu in menus:
-                column.addWidget(label(menu, "SectionTitle"))
-                column.addLayout(_rows(menu))
-                column.addSpacing(GRID)
-            column.addStretch()
-            row.addLayout(column)
-        close = button("Close", "primary")
-        close.clicked.connect(self.accept)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
-        layout.setSpacing(2 * GRID)
-        layout.addWidget(label("Keyboard shortcuts", "PanelTitle"))
-        layout.addLayout(row)
-        layout.addWidget(close, alignment=Qt.AlignmentFlag.AlignRight)
+        parts = {
+            menu: (label(menu, "SectionTitle"), _keys(menu), GRID) for menus in _COLUMNS for menu in menus
+        }
+        columns = [column(*(part for menu in menus for part in parts[menu]), ...) for menus in _COLUMNS]
+        close = button("Close", "primary", self.accept)
+        title, all_keys = label("Keyboard shortcuts", "PanelTitle"), row(*columns, gap=5 * GRID)
+        column(title, all_keys, [..., close], on=self, edges=DIALOG_EDGES, gap=2 * GRID)
 
 
-def _rows(menu: str) -> QGridLayout:
-    grid = QGridLayout()
-    grid.setHorizontalSpacing(3 * GRID)
-    grid.setVerticalSpacing(2)
+def _keys(menu: str) -> QGridLayout:
+    cells = grid(across=3 * GRID, down=2)
     listed = [entry for entry in COMMANDS if entry.menu.split("/")[0] == menu and entry.shortcut]
-    for row, entry in enumerate(listed):
+    for line, entry in enumerate(listed):
         keys = shortcuts(entry)[0].toString(QKeySequence.SequenceFormat.NativeText)
-        grid.addWidget(label(entry.title.rstrip("…")), row, 0)
-        grid.addWidget(label(keys, "Hint"), row, 1, alignment=Qt.AlignmentFlag.AlignRight)
-    grid.setColumnStretch(0, 1)
-    return grid
+        cells.addWidget(label(entry.title.rstrip("…")), line, 0)
+        cells.addWidget(label(keys, "Hint"), line, 1, alignment=Qt.AlignmentFlag.AlignRight)
+    cells.setColumnStretch(0, 1)
+    return cells

@@ -10,13 +10,10 @@ from PySide6.QtWidgets import (
     QComboBox,
     QCompleter,
     QFrame,
-    QHBoxLayout,
     QHeaderView,
-    QLabel,
     QLineEdit,
     QSizePolicy,
     QTableView,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -26,7 +23,19 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_model import GROUP, NAME, STATUS, VOLUME, CohortModel, thumbnail
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme, scaled
-from homolog_app.window.widgets import GRID, Panel, button, dress_table, label
+from homolog_app.window.widgets import (
+    GRID,
+    Panel,
+    button,
+    column,
+    dress_table,
+    fill,
+    having,
+    label,
+    link,
+    row,
+    say,
+)
 
 if TYPE_CHECKING:
     from homolog.io.structures import Structure
@@ -61,9 +70,9 @@ class _Table(QTableView):
         head = self.horizontalHeader()
         head.setResizeContentsPrecision(_MEASURED_ROWS)
         head.resizeSection(VOLUME, max(scaled(_VOLUME_PX), self.sizeHintForColumn(VOLUME)))
-        for column in range(STATUS + 1, self.model().columnCount()):
-            width = max(self.sizeHintForColumn(column), head.sectionSizeHint(column))
-            head.resizeSection(column, min(width, scaled(_GROUP_PX[1])))
+        for place in range(STATUS + 1, self.model().columnCount()):
+            width = max(self.sizeHintForColumn(place), head.sectionSizeHint(place))
+            head.resizeSection(place, min(width, scaled(_GROUP_PX[1])))
         least = scaled(_ICON_PX)
         others = sum(head.sectionSize(column) for column in (GROUP, VOLUME)) + least
         free = self.viewport().width() - others
@@ -85,14 +94,9 @@ class CohortTools(QWidget):
 
     def __init__(self, actions: Actions) -> None:
         super().__init__()
-        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)  # not wider than the panel
-        self._row = QHBoxLayout(self)
-        self._row.setContentsMargins(0, 0, 0, 0)
-        self._row.setSpacing(GRID // 2)
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self._tools = {identifier: actions.button(identifier, self) for identifier in _TOOLS}
-        for tool in self._tools.values():
-            self._row.addWidget(tool)
-        self._row.addStretch()
+        self._row = row(*self._tools.values(), ..., on=self, gap=GRID // 2)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Show the names if they fit."""
@@ -128,24 +132,14 @@ class CohortPanel(Panel):
         self.table = self._table()
         actions.offer(self.table, "edit.group", "edit.include", "run.regroom", "edit.remove")
         self.labels = LabelPicker(session, theme)
-        self.body.addWidget(CohortTools(actions))
-        self.body.addWidget(self.labels)
-        self.body.addWidget(self.filter)
-        self.body.addWidget(self.table, 1)
-        self.count = label("", "Hint", wrap=True)
-        self.problems: QLabel = label("", "Problem", wrap=True)
-        self.proceed = button("Next: Groom", "primary")
-        self.proceed.clicked.connect(actions["view.groom"].trigger)
-        for widget in (self.count, self.problems, self.proceed):
-            self.footer.addWidget(widget)
+        fill(self.body, CohortTools(actions), self.labels, self.filter, (self.table, 1))
+        self.count, self.problems = label("", "Hint", wrap=True), label("", "Problem", wrap=True)
+        self.proceed = button("Next: Groom", "primary", actions["view.groom"].trigger)
+        fill(self.footer, self.count, self.problems, self.proceed)
         self.table.selectionModel().selectionChanged.connect(self._update_selection)
-        session.selection_changed.connect(self._show_selection)
-        session.study_changed.connect(self._count)
-        session.surveys_changed.connect(self._count)
-        self.model.modelReset.connect(self.table.fit_names)
-        self.model.modelReset.connect(self._show_selection)
-        for changed in (session.surveys_changed, session.groomed_changed):
-            changed.connect(self.table.fit_names)
+        link(self._count, session.study_changed, session.surveys_changed)
+        link(self.table.fit_names, self.model.modelReset, session.surveys_changed, session.groomed_changed)
+        link(self._show_selection, session.selection_changed, self.model.modelReset)
         self._count()
 
     def _table(self) -> "_Table":
@@ -162,13 +156,13 @@ class CohortPanel(Panel):
         head = table.horizontalHeader()
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         head.setStretchLastSection(True)
-        for column, width in (
+        for place, width in (
             (NAME, _NAME_PX),
             (GROUP, _GROUP_PX[0]),
             (VOLUME, _VOLUME_PX),
             (STATUS, _STATUS_PX),
         ):
-            head.resizeSection(column, scaled(width))
+            head.resizeSection(place, scaled(width))
         head.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         return table
 
@@ -206,8 +200,7 @@ class CohortPanel(Panel):
         lines = [f"{len(bad)} {plural} excluded. {listed}{more}"] if bad else []
         owners = "1 subject has" if waiting == 1 else f"{waiting} subjects have"
         lines += [f"{owners} several structures; choose one above."] if waiting else []
-        self.problems.setText("\n".join(lines))
-        self.problems.setVisible(bool(lines))
+        say(self.problems, "\n".join(lines))
         self.proceed.setEnabled(included >= 2 and not waiting)
 
     def _update_selection(self) -> None:
@@ -226,8 +219,8 @@ class CohortPanel(Panel):
         selection.clearSelection()
         first: QModelIndex | None = None
         mode = QItemSelectionModel.SelectionFlag.Select | QItemSelectionModel.SelectionFlag.Rows
-        for row in range(self.rows.rowCount()):
-            index = self.rows.index(row, 0)
+        for place in range(self.rows.rowCount()):
+            index = self.rows.index(place, 0)
             if self.model.member(self.rows.mapToSource(index).row()).name in chosen:
                 selection.select(index, mode)
                 first = first or index
@@ -252,10 +245,8 @@ class LabelPicker(QFrame):
         self.setObjectName("Banner")
         self._session, self._theme = session, theme
         self._shown: object = None
-        self.choice = QComboBox()
-        self.choice.setAccessibleName("Label to study")
+        self.choice = having(QComboBox(), accessibleName="Label to study", editable=True)
         self.choice.setIconSize(QSize(_PICTURE, _PICTURE))
-        self.choice.setEditable(True)
         self.choice.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
         self.choice.setMaxVisibleItems(_VISIBLE)
         completer = QCompleter(self.choice.model(), self.choice)
@@ -264,13 +255,9 @@ class LabelPicker(QFrame):
         completer.setFilterMode(Qt.MatchFlag.MatchContains)
         self.choice.setCompleter(completer)
         self.choice.activated.connect(self._choose)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(2 * GRID, GRID, 2 * GRID, 2 * GRID)
-        layout.addWidget(label(_QUESTION, wrap=True))
-        layout.addWidget(self.choice)
-        session.surveys_changed.connect(self._fill)
-        session.study_changed.connect(self._fill)
-        theme.changed.connect(self._fill)
+        question = label(_QUESTION, wrap=True)
+        column(question, self.choice, on=self, edges=(2 * GRID, GRID, 2 * GRID, 2 * GRID))
+        link(self._fill, session.surveys_changed, session.study_changed, theme.changed)
         self.hide()
 
     def _fill(self) -> None:

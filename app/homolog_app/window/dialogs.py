@@ -23,8 +23,6 @@ from PySide6.QtWidgets import (
     QMessageBox,
     QPlainTextEdit,
     QProgressDialog,
-    QPushButton,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -32,7 +30,18 @@ import homolog
 import homolog_app
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme, pixmap
-from homolog_app.window.widgets import GRID, button, label, set_primary
+from homolog_app.window.widgets import (
+    DIALOG_EDGES,
+    GRID,
+    button,
+    column,
+    having,
+    label,
+    offer,
+    prose,
+    row,
+    set_primary,
+)
 
 __all__ = [
     "STATUS",
@@ -167,23 +176,13 @@ class LogPane(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self._memory = memory
         self._shown = -1
-        self.text = QPlainTextEdit(readOnly=True)
-        self.text.setAccessibleName("Log")
-        self.level = QComboBox()
-        self.level.setAccessibleName("Lowest level shown")
-        self.level.addItems(list(_LEVELS))
+        self.text = having(QPlainTextEdit(readOnly=True), accessibleName="Log")
+        self.level = having(QComboBox(), accessibleName="Lowest level shown")
+        offer(self.level, _LEVELS)
         self.level.setCurrentText("Information")
         self.level.currentTextChanged.connect(self._fill)
-        copy = button("Copy")
-        copy.clicked.connect(lambda: QApplication.clipboard().setText(self.text.toPlainText()))
-        row = QHBoxLayout()
-        row.addWidget(self.level)
-        row.addStretch()
-        row.addWidget(copy)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(2 * GRID, GRID, 2 * GRID, GRID)
-        layout.addLayout(row)
-        layout.addWidget(self.text)
+        copy = button("Copy", does=lambda: QApplication.clipboard().setText(self.text.toPlainText()))
+        column([self.level, ..., copy], self.text, on=self, edges=(2 * GRID, GRID, 2 * GRID, GRID))
         self._timer = QTimer(self, interval=250)
         self._timer.timeout.connect(self._look)
 
@@ -292,46 +291,21 @@ class ErrorDialog(QDialog):
         remedies: Mapping[str, Callable[[], object]] = MappingProxyType({}),
     ) -> None:
         super().__init__(parent)
-        self.setWindowTitle(title)
+        having(self, windowTitle=title, minimumWidth=560)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self.setMinimumWidth(560)
         self.details = QPlainTextEdit(details, readOnly=True)
-        self.details.setAccessibleName("Details")
-        self.details.setMinimumHeight(200)
+        having(self.details, accessibleName="Details", minimumHeight=200)
         self.details.hide()
-        close = button("Close", "primary")
-        close.setDefault(True)
-        close.clicked.connect(self.accept)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
-        layout.setSpacing(2 * GRID)
-        layout.addLayout(_head(theme, title, message))
-        layout.addWidget(self.details)
-        layout.addLayout(self._buttons(lambda: save(details), remedies, close))
-        close.setFocus()
-
-    def _buttons(
-        self, save: Callable[[], None], remedies: Mapping[str, Callable[[], object]], close: QPushButton
-    ) -> QHBoxLayout:
-        """Return the row of buttons; Enter closes the dialog, whatever has the focus."""
-        unfold, report = button("Details", "flat"), button("Save problem report…")
-        unfold.setCheckable(True)
+        close = button("Close", "primary", self.accept, default=True)
+        unfold = button("Details", "flat", checkable=True, autoDefault=False)
         unfold.toggled.connect(self._unfold)
-        report.clicked.connect(save)
-        row = QHBoxLayout()
-        row.addWidget(unfold)
-        row.addStretch()
-        for text, remedy in remedies.items():
-            single = button(text)
-            single.clicked.connect(self.accept)
-            single.clicked.connect(lambda _, remedy=remedy: remedy())
-            single.setAutoDefault(False)
-            row.addWidget(single)
-        for other in (unfold, report):
-            other.setAutoDefault(False)
-        row.addWidget(report)
-        row.addWidget(close)
-        return row
+        report = button("Save problem report…", does=lambda: save(details), autoDefault=False)
+        cures = [button(text, does=self.accept, autoDefault=False) for text in remedies]
+        for cure, remedy in zip(cures, remedies.values(), strict=True):
+            cure.clicked.connect(lambda _, remedy=remedy: remedy())
+        buttons = row(unfold, ..., *cures, report, close)
+        column(_head(theme, title, message), self.details, buttons, on=self, edges=DIALOG_EDGES, gap=2 * GRID)
+        close.setFocus()
 
     def _unfold(self, shown: bool) -> None:
         self.details.setVisible(shown)
@@ -339,18 +313,9 @@ class ErrorDialog(QDialog):
 
 
 def _head(theme: Theme, title: str, message: str) -> QHBoxLayout:
-    """Return the warning sign with title and message."""
+    """Return the warning sign beside title and message."""
     sign = QLabel()
     sign.setPixmap(pixmap("warning", theme.colours.warning, 40))
     sign.setAlignment(Qt.AlignmentFlag.AlignTop)
-    text = label(message, wrap=True)
-    text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-    column = QVBoxLayout()
-    column.setSpacing(GRID)
-    column.addWidget(label(title, "PanelTitle", wrap=True))
-    column.addWidget(text)
-    head = QHBoxLayout()
-    head.setSpacing(2 * GRID)
-    head.addWidget(sign)
-    head.addLayout(column, 1)
-    return head
+    text = having(prose(), text=message)
+    return row(sign, (column(label(title, "PanelTitle", wrap=True), text), 1), gap=2 * GRID)

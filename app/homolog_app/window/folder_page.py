@@ -2,20 +2,19 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import (
     QDialog,
-    QHBoxLayout,
     QLabel,
     QLineEdit,
     QListWidget,
     QListWidgetItem,
     QTableWidget,
     QTableWidgetItem,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -26,7 +25,18 @@ from homolog_app.studies.file_survey import FileSurvey, survey_subject
 from homolog_app.studies.study import Reading
 from homolog_app.window.cohort_model import thumbnail
 from homolog_app.window.theme import Theme, scaled
-from homolog_app.window.widgets import GRID, button, choice, dress_table, label
+from homolog_app.window.widgets import (
+    DIALOG_EDGES,
+    GRID,
+    button,
+    choice,
+    column,
+    dress_table,
+    having,
+    label,
+    offer,
+    row,
+)
 
 __all__ = ["FolderPage"]
 
@@ -73,65 +83,35 @@ class FolderPage(QDialog):
         self.preview = QTableWidget()
         self.message = label("", "Hint", wrap=True)
         self.shapes = [(QLabel(), label("", "Hint")) for _ in range(_SHAPES)]
-        self.accept_button = button("Open", "primary")
+        self.accept_button = button("Open", "primary", self._accept, default=True)
         self._lay_out()
         self._fill()
 
     def _lay_out(self) -> None:
-        self.choices.setAccessibleName("Patterns and tables that fit")
-        self.choices.setMaximumWidth(scaled(_CHOICES_PX))
-        self.choices.setMinimumWidth(scaled(_CHOICES_PX))
-        self.pattern.setAccessibleName("Pattern")
-        self.pattern.setMaximumWidth(scaled(_CHOICES_PX))
+        wide = scaled(_CHOICES_PX)
+        listed = "Patterns and tables that fit"
+        having(self.choices, accessibleName=listed, minimumWidth=wide, maximumWidth=wide)
+        having(self.pattern, accessibleName="Pattern", maximumWidth=wide)
         dress_table(self.preview, "Subjects", 160)
         self.preview.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
-        left = QVBoxLayout()
-        for widget in (self.choices, label("Pattern", "SectionTitle"), self.pattern):
-            left.addWidget(widget)
-        left.addWidget(label("Table", "SectionTitle"))
-        left.addWidget(self.tables)
-        right = QVBoxLayout()
-        right.addWidget(self.preview, 1)
-        right.addWidget(self.message)
-        right.addLayout(self._shape_row())
-        middle = QHBoxLayout()
-        middle.setSpacing(2 * GRID)
-        middle.addLayout(left)
-        middle.addLayout(right, 1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
-        layout.setSpacing(2 * GRID)
-        layout.addWidget(label(f"What are the subjects in {self._folder.name}?", "PanelTitle"))
-        layout.addWidget(label(_HINT, "Hint", wrap=True))
-        layout.addLayout(middle, 1)
-        layout.addLayout(self._buttons())
-
-    def _shape_row(self) -> QHBoxLayout:
-        row = QHBoxLayout()
         for picture, name in self.shapes:
             picture.setFixedSize(QSize(_SHAPE_PX, _SHAPE_PX))
             name.setMaximumWidth(_SHAPE_PX)
-            column = QVBoxLayout()
-            column.addWidget(picture)
-            column.addWidget(name)
-            row.addLayout(column)
-        row.addStretch()
-        return row
-
-    def _buttons(self) -> QHBoxLayout:
-        self.save_button, cancel = button("Save as table…"), button("Cancel")
-        self.save_button.clicked.connect(self._save_table)
-        cancel.clicked.connect(self.reject)
-        self.accept_button.clicked.connect(self._accept)
-        self.accept_button.setDefault(True)
-        for other in (self.save_button, cancel):
-            other.setAutoDefault(False)
-        row = QHBoxLayout()
-        row.addWidget(self.save_button)
-        row.addStretch()
-        row.addWidget(cancel)
-        row.addWidget(self.accept_button)
-        return row
+        title = partial(label, name="SectionTitle")
+        left = column(self.choices, title("Pattern"), self.pattern, title("Table"), self.tables)
+        shapes = [column(picture, name) for picture, name in self.shapes]
+        right = column((self.preview, 1), self.message, [*shapes, ...])
+        self.save_button = button("Save as table…", does=self._save_table, autoDefault=False)
+        cancel = button("Cancel", does=self.reject, autoDefault=False)
+        column(
+            label(f"What are the subjects in {self._folder.name}?", "PanelTitle"),
+            label(_HINT, "Hint", wrap=True),
+            (row(left, (right, 1), gap=2 * GRID), 1),
+            [self.save_button, ..., cancel, self.accept_button],
+            on=self,
+            edges=DIALOG_EDGES,
+            gap=2 * GRID,
+        )
 
     def _fill(self) -> None:
         for reading in self._readings:
@@ -153,8 +133,7 @@ class FolderPage(QDialog):
             cohort = read_cohort(self._folder, self.pattern.text())
         except InputError as error:
             reason = str(error).partition("; these patterns fit")[0]
-            self._show(Cohort((), self._folder, (reason,)))
-            return
+            cohort = Cohort((), self._folder, (reason,))
         self._show(cohort)
 
     def _use_table(self) -> None:
@@ -171,9 +150,9 @@ class FolderPage(QDialog):
         self.preview.setColumnCount(len(heads))
         self.preview.setHorizontalHeaderLabels(heads)
         self.preview.setRowCount(min(len(rows), _MOST_ROWS))
-        for number, row in enumerate(rows[:_MOST_ROWS]):
-            for column, text in enumerate(row):
-                self.preview.setItem(number, column, QTableWidgetItem(text))
+        for number, texts in enumerate(rows[:_MOST_ROWS]):
+            for place, text in enumerate(texts):
+                self.preview.setItem(number, place, QTableWidgetItem(text))
         self.preview.resizeColumnsToContents()
         count = counts_text(self.cohort) if rows else ""
         self.message.setText(" · ".join(filter(None, [count, *self.cohort.notes])))
@@ -181,12 +160,11 @@ class FolderPage(QDialog):
         self._read_shapes(self.cohort.subjects[:_SHAPES])
 
     def _offer_tables(self, cohort: Cohort) -> None:
-        self.tables.clear()
-        self.tables.addItem("No table", None)
-        for place in tables_beside(cohort) if cohort.subjects else ():
-            self.tables.addItem(place.name, place)
-        self.tables.setEnabled(self.tables.count() > 1)
-        self.tables.setCurrentIndex(min(1, self.tables.count() - 1))
+        """Offer the tables beside the files; the first one is used."""
+        places = tables_beside(cohort) if cohort.subjects else []
+        offer(self.tables, {"No table": None} | {place.name: place for place in places})
+        self.tables.setEnabled(bool(places))
+        self.tables.setCurrentIndex(min(1, len(places)))
 
     def _read_shapes(self, subjects: Sequence[Subject]) -> None:
         """Read the first shapes in a thread; the window polls it."""

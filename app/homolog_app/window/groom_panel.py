@@ -4,13 +4,10 @@ from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QButtonGroup,
-    QGridLayout,
-    QHBoxLayout,
     QHeaderView,
     QPushButton,
     QTableWidget,
     QTableWidgetItem,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -30,16 +27,28 @@ from homolog_app.window.widgets import (
     Progress,
     button,
     choice,
+    column,
     dress_table,
+    enable_all,
+    fill,
     label,
+    link,
+    prose,
+    row,
     rule,
+    say,
     set_primary,
+    show_all,
 )
 
 __all__ = ["Cures", "GroomPanel", "TriageLists"]
 
 _MAIN = ("label", "smoothing", "alignment", "pieces")
-_LISTS = ("Look at", "Whole cohort", "Fine")
+_LISTS = {
+    "Look at": "Subjects with a note that fewer than half have",
+    "Whole cohort": "Notes on half of the subjects or more, each once",
+    "Fine": "Subjects without a note of their own",
+}
 _EMPTY = (
     "No subject differs from the others.",
     "Nothing was noted on most subjects.",
@@ -71,25 +80,15 @@ class GroomPanel(Panel):
         self.resources = resources_form(self.form, ("workers", "cluster"), self.resource_edited)
         self.triage = TriageLists()
         self.triage.chosen.connect(self._go_to)
-        self.subject = label("", "SectionTitle", wrap=True)
-        self.report = label("", "Hint", wrap=True)
-        self.report.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.subject, self.report = label("", "SectionTitle", wrap=True), prose("Hint")
         self.cures = Cures(session, actions)
-        for widget in (self.form, rule(), self.triage, self.subject, self.report, self.cures):
-            self.body.addWidget(widget)
-        self.body.addStretch(1)
+        fill(self.body, self.form, rule(), self.triage, self.subject, self.report, self.cures, ...)
         self.progress = Progress(actions["run.cancel"])
         self.go = ActionButton("Groom", actions["run.groom"], "primary")
         self.proceed = ActionButton("Next: Correspond", actions["view.correspond"], "primary")
-        for below in (self.form.help, self.progress, self.go, self.proceed):
-            self.footer.addWidget(below)
-        for signal in (
-            session.study_changed,
-            session.groomed_changed,
-            session.result_changed,
-            session.selection_changed,
-        ):
-            signal.connect(self._show)
+        fill(self.footer, self.form.help, self.progress, self.go, self.proceed)
+        link(self._show, session.study_changed, session.groomed_changed)
+        link(self._show, session.result_changed, session.selection_changed)
         self._show()
 
     def _go_to(self, name: str) -> None:
@@ -122,8 +121,7 @@ class GroomPanel(Panel):
             Triage.of({name: item for name, item in session.groomed.items() if name in included}), name
         )
         groomed = session.groomed.get(name)
-        for widget in (self.subject, self.report, self.cures):
-            widget.setVisible(groomed is not None)
+        show_all(groomed is not None, self.subject, self.report, self.cures)
         if groomed is not None:
             self.subject.setText(name)
             self.report.setText(_sentences(groomed))
@@ -155,30 +153,20 @@ class Cures(QWidget):
         self.mirror = self._toggle(
             "Mirror", "Take its mirror image: left and right are exchanged in its file."
         )
-        self.turn = choice("Orientation", _TURNS)
-        self.turn.setToolTip("Turn it by 180° if it lies the other way round than the others.")
+        turned = "Turn it by 180° if it lies the other way round than the others."
+        self.turn = choice("Orientation", _TURNS, turned)
         self.turn.activated.connect(self._edit)
         self.leave_out = ActionButton("Leave out", actions["edit.include"])
         self.again = ActionButton("Groom this subject again", self._again)
-        grid = QGridLayout(self)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setSpacing(GRID)
-        for place, widget in enumerate((self.pieces, self.holes, self.mirror, self.leave_out)):
-            grid.addWidget(widget, place // 2, place % 2)
-        grid.addWidget(self.turn, 2, 0, 1, 2)
-        grid.addWidget(self.again, 3, 0, 1, 2)
+        pairs = ([(self.pieces, 1), (self.holes, 1)], [(self.mirror, 1), (self.leave_out, 1)])
+        column(*pairs, self.turn, self.again, on=self)
         self._again.changed.connect(self._follow)
 
     def _toggle(self, text: str, tip: str) -> QPushButton:
-        result = button(text, "pick")
-        result.setCheckable(True)
-        result.setToolTip(tip)
-        result.clicked.connect(self._edit)
-        return result
+        return button(text, "pick", self._edit, checkable=True, toolTip=tip)
 
     def _follow(self) -> None:
-        for widget in (self.pieces, self.holes, self.mirror, self.turn):
-            widget.setEnabled(self._again.isEnabled())
+        enable_all(self._again.isEnabled(), self.pieces, self.holes, self.mirror, self.turn)
 
     def show_subject(self, name: str) -> None:
         """Show what has been done for a subject."""
@@ -221,18 +209,11 @@ class TriageLists(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self._shown: Triage | None = None
-        self.heads = [button(text, "pick") for text in _LISTS]
-        group = QButtonGroup(self)
-        row = QHBoxLayout()
-        row.setSpacing(GRID // 2)
-        for head in self.heads:
-            head.setCheckable(True)
-            group.addButton(head)
-            row.addWidget(head, 1)
+        self.heads = [button(text, "pick", checkable=True, toolTip=tip) for text, tip in _LISTS.items()]
         self.heads[0].setChecked(True)
-        self.heads[0].setToolTip("Subjects with a note that fewer than half have")
-        self.heads[1].setToolTip("Notes on half of the subjects or more, each once")
-        self.heads[2].setToolTip("Subjects without a note of their own")
+        group = QButtonGroup(self)
+        for head in self.heads:
+            group.addButton(head)
         group.buttonClicked.connect(self._show_rows)
         self.table = QTableWidget(0, 2)
         dress_table(self.table, "Notes", scaled(_LIST_PX))
@@ -245,12 +226,8 @@ class TriageLists(QWidget):
         titles.setMaximumSectionSize(scaled(_NAME_PX))
         titles.setStretchLastSection(True)
         self.empty = label("", "Hint", wrap=True)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(GRID)
-        column.addLayout(row)
-        column.addWidget(self.empty)
-        column.addWidget(self.table)
+        lists = row(*((head, 1) for head in self.heads), gap=GRID // 2)
+        column(lists, self.empty, self.table, on=self)
         self.table.currentCellChanged.connect(self._choose)
 
     def show_triage(self, triage: Triage, selected: str) -> None:
@@ -272,8 +249,7 @@ class TriageLists(QWidget):
             [(f"{count} subjects", text) for text, count in self._shown.whole],
             [(name, "") for name in self._shown.fine],
         )[place]
-        self.empty.setText(_EMPTY[place])
-        self.empty.setVisible(not rows)
+        say(self.empty, "" if rows else _EMPTY[place])
         self.table.setVisible(bool(rows))
         self.table.setHorizontalHeaderLabels(
             ["Subjects" if place == 1 else "Subject", "" if place == 2 else "Note"]
@@ -295,8 +271,8 @@ class TriageLists(QWidget):
 
     def _fit_rows(self) -> None:
         self.table.resizeRowsToContents()
-        for row in range(self.table.rowCount()):
-            self.table.setRowHeight(row, self.table.rowHeight(row) + GRID)
+        for line in range(self.table.rowCount()):
+            self.table.setRowHeight(line, self.table.rowHeight(line) + GRID)
 
     def _mark(self, name: str) -> None:
         """Select the row of a subject, or none."""

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal, Slot
-from PySide6.QtWidgets import QDialog, QFrame, QHBoxLayout, QMainWindow, QMessageBox, QVBoxLayout
+from PySide6.QtWidgets import QDialog, QFrame, QMainWindow, QMessageBox
 
 from homolog import __version__
 from homolog.errors import user_message
@@ -19,7 +19,7 @@ from homolog_app.window.project_controller import ProjectController
 from homolog_app.window.rail import steps_of
 from homolog_app.window.start_page import HEARTS, SAMPLES, Sample, Stop, stops_for
 from homolog_app.window.theme import pixmap
-from homolog_app.window.widgets import GRID, button, label
+from homolog_app.window.widgets import GRID, button, column, label, row
 from homolog_app.window.workspace import Controller, PreferencesDialog, Workspace, reported
 
 __all__ = ["HelpController", "Tour"]
@@ -260,18 +260,8 @@ class _Card(QFrame):
         self._number = label("", "Hint")
         self.offer, self.back = button(""), button("Back", "flat")
         self.go_on, self.end = button("Next"), button("End tour", "flat")
-        head = QHBoxLayout()
-        head.setSpacing(GRID)
-        head.addWidget(self.title)
-        head.addWidget(self._number)
-        head.addStretch()
-        for widget in (self.end, self.back, self.offer, self.go_on):
-            head.addWidget(widget)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(2 * GRID, GRID, 2 * GRID, GRID)
-        layout.setSpacing(GRID // 2)
-        layout.addLayout(head)
-        layout.addWidget(self._text)
+        head = row(self.title, self._number, ..., self.end, self.back, self.offer, self.go_on)
+        column(head, self._text, on=self, edges=(2 * GRID, GRID, 2 * GRID, GRID), gap=GRID // 2)
 
     def setVisible(self, visible: bool) -> None:
         """Show or hide the card; the window distributes its space again."""

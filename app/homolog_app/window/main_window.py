@@ -17,7 +17,6 @@ from PySide6.QtWidgets import (
     QStackedWidget,
     QTabBar,
     QToolTip,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -39,6 +38,7 @@ from homolog_app.window.run_panel import RunPanel
 from homolog_app.window.run_particles import EnergyCurves
 from homolog_app.window.start_page import StartPage
 from homolog_app.window.theme import scaled, screen_room
+from homolog_app.window.widgets import column
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -69,9 +69,7 @@ class Inspector(QFrame):
         self._pages = QStackedWidget()
         for panel in (self.cohort, self.groom, self.correspond, self.explore):
             self._pages.addWidget(panel)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self._pages)
+        column(self._pages, on=self)
         for part, panel in (("groom", self.groom), ("optimize", self.correspond)):
             panel.settings_edited.connect(
                 lambda name, value, part=part: self.settings_edited.emit(part, name, value)

@@ -13,7 +13,6 @@ from PySide6.QtWidgets import (
     QMainWindow,
     QSizePolicy,
     QStatusBar,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -22,7 +21,16 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.dialogs import STATUS
 from homolog_app.window.session import PAGE_OF_JOB, Session
 from homolog_app.window.theme import Theme, pixmap, scaled
-from homolog_app.window.widgets import GRID, ActionButton, ProgressBar, keep_space, label
+from homolog_app.window.widgets import (
+    GRID,
+    ActionButton,
+    ProgressBar,
+    column,
+    keep_space,
+    label,
+    link,
+    show_all,
+)
 
 __all__ = ["STEPS", "DockSizes", "Rail", "StatusBar", "Step", "least_inspector", "steps_of"]
 
@@ -49,13 +57,8 @@ class Rail(QFrame):
         super().__init__()
         self.setObjectName("Rail")
         self.setFixedWidth(scaled(_WIDTH))
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, GRID, 0, GRID)
-        layout.setSpacing(GRID // 2)
         self.buttons = {name: _StepButton(name, theme, self) for name in STEPS}
-        for button in self.buttons.values():
-            layout.addWidget(button)
-        layout.addStretch()
+        column(*self.buttons.values(), ..., on=self, edges=(0, GRID, 0, GRID), gap=GRID // 2)
 
     def show_steps(self, steps: dict[str, Step], current: str) -> None:
         """Show the state of the steps and the open one."""
@@ -206,13 +209,8 @@ class StatusBar(QObject):
             widget.hide()
         self._bar.addPermanentWidget(self.device)
         self._bar.addPermanentWidget(self.memory)
-        for signal in (
-            session.job_changed,
-            session.job_progressed,
-            session.page_changed,
-            session.step_changed,
-        ):
-            signal.connect(self._show_busy)
+        link(self._show_busy, session.job_changed, session.job_progressed)
+        link(self._show_busy, session.page_changed, session.step_changed)
         session.devices_changed.connect(self._show_devices)
         self._process = psutil.Process()
         self._timer = QTimer(self, interval=_MEMORY_MS)
@@ -232,8 +230,7 @@ class StatusBar(QObject):
         job, session = self._session.job, self._session
         on_page = session.step == "explore" and PAGE_OF_JOB.get(job.kind) == session.page
         shown = job.is_busy and session.is_open and job.kind not in _ON_RAIL and not on_page
-        for widget in (self.bar, self.cancel):
-            widget.setVisible(shown)
+        show_all(shown, self.bar, self.cancel)
         if job.status is not None:
             self.bar.show_fraction(job.status.fraction)
         self.work.setText(f"{job.background[:1].upper()}{job.background[1:]}…" if job.background else "")

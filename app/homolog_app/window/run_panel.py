@@ -3,10 +3,6 @@
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import (
     QComboBox,
-    QHBoxLayout,
-    QLabel,
-    QVBoxLayout,
-    QWidget,
 )
 
 from homolog.io.project import ProjectFolder
@@ -18,11 +14,16 @@ from homolog_app.window.form import SettingsPair, resources_form
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Session
 from homolog_app.window.widgets import (
-    GRID,
     ActionButton,
     Panel,
     Progress,
+    fill,
+    having,
+    held,
     label,
+    link,
+    named_rows,
+    offer,
     rule,
     set_primary,
 )
@@ -48,86 +49,36 @@ class RunPanel(Panel):
         self._session, self._actions = session, actions
         self.form = SettingsPair(OptimizeSettings, _RUN_MAIN)
         self.form.edited.connect(self.settings_edited)
-        self.device = QComboBox()
-        self.device.setAccessibleName("Device")
+        tip = "Compute device. Automatic selects the first GPU, or the CPU without one."
+        self.device = having(QComboBox(), accessibleName="Device", toolTip=tip)
         self.show_devices({"auto": "Automatic"})
         self.device.activated.connect(
             lambda _: self.resource_edited.emit("device", self.device.currentData())
         )
         self.resources = resources_form(self.form, ("workers", "memory", "cluster"), self.resource_edited)
-        self.device.setToolTip("Compute device. Automatic selects the first GPU, or the CPU without one.")
-        self.summary = label("", "Hint", wrap=True)
-        self.further = label("", "Hint", wrap=True)
-        self.more, self.fit = (
-            ActionButton(text, actions[command])
-            for text, command in (("Add particles", "run.more"), ("Fit new subjects", "run.fit"))
-        )
-        self.from_result = self._make_further()
-        for widget in (
-            self._device_row(),
-            self.form,
-            rule(),
-            self.summary,
-            self.from_result,
-        ):
-            self.body.addWidget(widget)
-        self.body.addStretch()
+        self.summary, self.further = label("", "Hint", wrap=True), label("", "Hint", wrap=True)
+        self.more = ActionButton("Add particles", actions["run.more"])
+        self.fit = ActionButton("Fit new subjects", actions["run.fit"])
+        extend = label("Extend the result", "SectionTitle")
+        self.from_result = held(extend, self.further, [self.more, self.fit, ...])
         self.progress = Progress(actions["run.cancel"])
         self.pause = ActionButton("Pause", actions["run.pause"])
+        self.progress.buttons.insertWidget(0, self.pause)
         self.go = ActionButton("Run", actions["run.start"], "primary")
         self.resume = ActionButton("Resume", actions["run.resume"])
         self.keep = ActionButton("Keep particles", actions["run.keep"])
         self.proceed = ActionButton("Next: Explore", actions["view.explore"], "primary")
-        self._lay_out_footer()
-        session.study_changed.connect(self.refresh)
-        session.groomed_changed.connect(self.refresh)
-        session.result_changed.connect(self.refresh)
+        device = named_rows((("Device", self.device),))
+        device.setColumnMinimumWidth(0, self.form.name_px)  # aligned with the form
+        fill(self.body, device, self.form, rule(), self.summary, self.from_result, ...)
+        fill(self.footer, self.form.help, self.progress, [(self.go, 1), self.resume, self.keep], self.proceed)
+        link(self.refresh, session.study_changed, session.groomed_changed, session.result_changed)
         self.refresh()
 
-    def _device_row(self) -> QWidget:
-        name = QLabel("Device")
-        name.setBuddy(self.device)
-        name.setFixedWidth(self.form.name_px)
-        result = QWidget()
-        row = QHBoxLayout(result)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(GRID)
-        row.addWidget(name)
-        row.addWidget(self.device, 1)
-        return result
-
-    def _make_further(self) -> QWidget:
-        """Return the controls that extend a result."""
-        further = QWidget()
-        column = QVBoxLayout(further)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(GRID)
-        column.addWidget(label("Extend the result", "SectionTitle"))
-        column.addWidget(self.further)
-        both = QHBoxLayout()
-        both.addWidget(self.more)
-        both.addWidget(self.fit)
-        both.addStretch()
-        column.addLayout(both)
-        return further
-
-    def _lay_out_footer(self) -> None:
-        self.footer.addWidget(self.form.help)
-        self.footer.addWidget(self.progress)
-        self.progress.buttons.insertWidget(0, self.pause)
-        row = QHBoxLayout()
-        row.setSpacing(GRID)
-        row.addWidget(self.go, 1)
-        row.addWidget(self.resume)
-        row.addWidget(self.keep)
-        self.footer.addLayout(row)
-        self.footer.addWidget(self.proceed)
-
     def show_devices(self, devices: dict[str, str]) -> None:
-        """List the devices of this machine: alias and description."""
+        """Offer the devices: descriptions by the name of the setting."""
         self.device.clear()
-        for alias, text in devices.items():
-            self.device.addItem(text, alias)
+        offer(self.device, {text: alias for alias, text in devices.items()})
         self.refresh_device()
 
     def show_busy(self, status: Status | None) -> None:

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from PySide6.QtCore import QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QIcon, QImage, QPainter, QPixmap
-from PySide6.QtWidgets import QCheckBox, QGridLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QWidget
 
 from homolog.arrays import Array, FloatArray
 from homolog.geometry import transform_points
@@ -25,7 +25,7 @@ from homolog_app.scenes.slices import (
 )
 from homolog_app.window.slice_canvas import MARGIN, Line, ScanReader, SliceCanvas, SliceContent
 from homolog_app.window.theme import Theme
-from homolog_app.window.widgets import GRID, button, choice, label
+from homolog_app.window.widgets import GRID, button, choice, column, grid, having, label, say
 
 __all__ = ["SliceView"]
 
@@ -77,22 +77,14 @@ class SliceView(QWidget):
         self._connect()
 
     def _lay_out(self) -> None:
-        info = QWidget()
-        column = QVBoxLayout(info)
-        column.setContentsMargins(2 * GRID, GRID, 2 * GRID, GRID)
-        column.setSpacing(GRID // 2)
-        for text in (self.title, self.about, self.problem):
-            column.addWidget(text)
-        how: tuple[QWidget, ...] = (self.window_box, self.field, self.readout)
-        for widget in (*how, self.segmentation, self.contours, self.beside, self.choose):
-            widget.setMaximumWidth(_WIDEST)
-            column.addWidget(widget)
-        column.addStretch()
-        info.setMinimumWidth(_NARROWEST)
-        self._info = info
-        self._tiles = QGridLayout(self)
-        self._tiles.setContentsMargins(0, 0, 0, 0)
-        self._tiles.setSpacing(2)
+        how = (self.window_box, self.field, self.readout)
+        controls = (*how, self.segmentation, self.contours, self.beside, self.choose)
+        for widget in controls:
+            having(widget, maximumWidth=_WIDEST)
+        self._info, texts = having(QWidget(), minimumWidth=_NARROWEST), (self.title, self.about, self.problem)
+        edges = (2 * GRID, GRID, 2 * GRID, GRID)
+        column(*texts, *controls, ..., on=self._info, edges=edges, gap=GRID // 2)
+        self._tiles = grid(self, 2, 2)
         self._arrange()
 
     def _arrange(self) -> None:
@@ -362,10 +354,8 @@ class SliceView(QWidget):
             text = _NO_SLICES if sliced.name else _NO_SUBJECT
         else:
             text = "No scan: the voxels of the segmentation are shown."
-        self.about.setText(text)
-        self.about.setVisible(bool(text))
-        self.problem.setText(self.reader.problem)
-        self.problem.setVisible(bool(self.reader.problem))
+        say(self.about, text)
+        say(self.problem, self.reader.problem)
         notes = [outline.note for outline in sliced.outlines if outline.note and grid is not None]
         self.readout.setText("\n".join(part for part in (self._readout(grid), *notes) if part))
         self.window_box.setVisible(read is not None)

@@ -10,14 +10,11 @@ from PySide6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
     QFrame,
-    QHBoxLayout,
     QLabel,
     QLineEdit,
     QMenu,
-    QSlider,
     QSplitter,
     QStackedWidget,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -30,14 +27,21 @@ from homolog_app.window.scene import Scene
 from homolog_app.window.slice_view import SliceView
 from homolog_app.window.theme import Theme, pixmap, scaled
 from homolog_app.window.widgets import (
+    DIALOG_EDGES,
     GRID,
     ActionButton,
     PercentEdit,
     button,
     choice,
+    column,
+    having,
     label,
+    link,
     named_rows,
+    row,
     set_primary,
+    show_all,
+    slider,
 )
 
 __all__ = ["ClipBar", "RangeDialog", "Stage", "ViewBar", "ViewFooter", "view_menu"]
@@ -64,7 +68,9 @@ def view_menu(window: QWidget, actions: Actions) -> QMenu:
 
 _SHOWN = ("view.raw", "view.groomed", "view.particles", "view.slice", "view.clip")
 _GRIDS = ("view.grid1", "view.grid4", "view.grid9", "view.grid16")
+_LOOKS = ("view.link", "view.reset", "view.screenshot")
 _SPACING = 2
+_BAR_EDGES = (GRID, GRID // 2, GRID, GRID // 2)
 
 
 class ViewBar(QFrame):
@@ -75,32 +81,17 @@ class ViewBar(QFrame):
     def __init__(self, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("ViewBar")
-        row = QHBoxLayout(self)
-        row.setContentsMargins(GRID, GRID // 2, GRID, GRID // 2)
-        row.setSpacing(_SPACING)
-        for identifier in _SHOWN:
-            row.addWidget(actions.button(identifier, self))
-        row.addSpacing(GRID)
+        shown, grids, looks = (
+            [actions.button(name, self) for name in part] for part in (_SHOWN, _GRIDS, _LOOKS)
+        )
         self._name = label("Opacity", "Hint")
-        row.addWidget(self._name)
-        self.opacity = QSlider(Qt.Orientation.Horizontal)
-        self.opacity.setRange(10, 100)
-        self.opacity.setValue(100)
+        self.opacity = slider("Opacity of surfaces", 10, 100, value=100, toolTip="Opacity of the surfaces")
         self.opacity.setFixedWidth(38)
-        self.opacity.setToolTip("Opacity of the surfaces")
-        self.opacity.setAccessibleName("Opacity of surfaces")
         self.opacity.valueChanged.connect(lambda value: self.opacity_changed.emit(value / 100.0))
-        row.addWidget(self.opacity)
         self.percent = PercentEdit("Opacity of surfaces in percent", self.opacity)
         self.percent.setFixedWidth(scaled(46))
-        row.addWidget(self.percent)
-        row.addWidget(label("%", "Unit"))
-        row.addStretch()
-        for identifier in _GRIDS:
-            row.addWidget(actions.button(identifier, self))
-        row.addSpacing(GRID)
-        for identifier in ("view.link", "view.reset", "view.screenshot"):
-            row.addWidget(actions.button(identifier, self))
+        opacity = (self._name, self.opacity, self.percent, label("%", "Unit"))
+        row(*shown, GRID, *opacity, ..., *grids, GRID, *looks, on=self, edges=_BAR_EDGES, gap=_SPACING)
 
     def minimumSizeHint(self) -> QSize:
         """Return the size without the slider and its name."""
@@ -128,26 +119,14 @@ class ViewFooter(QFrame):
     def __init__(self, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("ViewFooter")
-        row = QHBoxLayout(self)
-        row.setContentsMargins(GRID, GRID // 2, GRID, GRID // 2)
-        row.setSpacing(GRID)
         self.play = actions.button("run.play", self)
-        self.time = QSlider(Qt.Orientation.Horizontal)
-        self.time.setAccessibleName("Position in the run")
+        self.time = slider("Position in the run", 0, 0)
         self.time.valueChanged.connect(self.frame_chosen)
-        self.moment = label("", "Hint")
-        self.moment.setMinimumWidth(120)
-        self.page = label("", "Hint")
+        self.moment, self.page = having(label("", "Hint"), minimumWidth=120), label("", "Hint")
         self.ready = ActionButton("Modes are ready", actions["explore.modes"])
         self.ready.hide()
-        row.addWidget(self.ready)
-        row.addWidget(self.play)
-        row.addWidget(self.time, 1)
-        row.addWidget(self.moment)
-        row.addStretch()
-        row.addWidget(actions.button("view.previous", self))
-        row.addWidget(self.page)
-        row.addWidget(actions.button("view.next", self))
+        turns = (actions.button("view.previous", self), self.page, actions.button("view.next", self))
+        row(self.ready, self.play, (self.time, 1), self.moment, ..., *turns, on=self, edges=_BAR_EDGES)
         self._of_run = True
         self.show_frames(0)
 
@@ -166,8 +145,7 @@ class ViewFooter(QFrame):
         self._show_playback()
 
     def _show_playback(self) -> None:
-        for widget in (self.play, self.time, self.moment):
-            widget.setVisible(self._of_run and self.time.maximum() > 0)
+        show_all(self._of_run and self.time.maximum() > 0, self.play, self.time, self.moment)
 
     def show_page(self, first: int, last: int, total: int) -> None:
         """Show the numbers of the subjects shown."""
@@ -199,8 +177,7 @@ class RangeDialog(QDialog):
         super().__init__(parent)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._choose, self._current = choose, current
-        self.setWindowTitle("Colour range")
-        self.setMinimumWidth(360)
+        having(self, windowTitle="Colour range", minimumWidth=360)
         self.low, self.high = QLineEdit(short(scale.low)), QLineEdit(short(scale.high))
         unit = f" ({scale.unit})" if scale.unit else ""
         self.symmetric = QCheckBox("Symmetric about 0")
@@ -211,8 +188,8 @@ class RangeDialog(QDialog):
         form.setVerticalSpacing(GRID)
         form.addWidget(self.symmetric, len(rows), 1)
         self.problem = label("", "Problem", wrap=True)
-        self.automatic = button("Automatic")
-        self.automatic.setToolTip("Set the range automatically from the values shown")
+        tip = "Set the range automatically from the values shown"
+        self.automatic = button("Automatic", does=lambda: self._receive(None), toolTip=tip)
         buttons = QDialogButtonBox(
             QDialogButtonBox.StandardButton.Apply | QDialogButtonBox.StandardButton.Close,
             parent=self,  # its style sheet is needed when icons are created
@@ -222,15 +199,9 @@ class RangeDialog(QDialog):
         self.apply.setDefault(True)
         set_primary(self.apply, primary=True)
         self.apply.clicked.connect(self._apply)
-        self.automatic.clicked.connect(lambda: self._receive(None))
         buttons.rejected.connect(self.reject)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
-        layout.setSpacing(2 * GRID)
-        layout.addWidget(label(scale.title, "SectionTitle", wrap=True))
-        layout.addLayout(form)
-        layout.addWidget(self.problem)
-        layout.addWidget(buttons)
+        title = label(scale.title, "SectionTitle", wrap=True)
+        column(title, form, self.problem, buttons, on=self, edges=DIALOG_EDGES, gap=2 * GRID)
         self.symmetric.toggled.connect(self._follow)
         self.symmetric.setChecked(scale.low == -scale.high)
         self.high.textEdited.connect(self._follow)
@@ -304,32 +275,18 @@ class ClipBar(QFrame):
         self.setObjectName("ViewBar")
         self._scene = scene
         self._normal = np.array([0.0, 0.0, 1.0])
-        self.plane = choice("Cutting plane", _PLANES)
-        self.plane.setMinimumContentsLength(14)
-        self.plane.setToolTip(
-            "Orientation of the cutting plane; the same for all shapes. Drag its arrow to turn it."
-        )
-        self.position = QSlider(Qt.Orientation.Horizontal)
-        self.position.setRange(0, _STEPS)
-        self.position.setValue(_STEPS // 2)
-        self.position.setPageStep(_STEPS // 10)
+        tip = "Orientation of the cutting plane; the same for all shapes. Drag its arrow to turn it."
+        self.plane = having(choice("Cutting plane", _PLANES, tip), minimumContentsLength=14)
+        place = "Position of the cutting plane"
+        self.position = slider(place, 0, _STEPS, value=_STEPS // 2, pageStep=_STEPS // 10, toolTip=place)
         self.position.setMinimumWidth(60)
-        self.position.setAccessibleName("Position of the cutting plane")
-        self.position.setToolTip("Position of the cutting plane")
         self.low, self.high = label("", "Hint"), label("", "Hint")
         self.percent = PercentEdit("Position of the cutting plane in percent", self.position)
-        self.flip = button("Flip", "pick")
-        self.flip.setCheckable(True)
-        self.flip.setToolTip("Remove the other side")
-        row = QHBoxLayout(self)
-        row.setContentsMargins(GRID, GRID // 2, GRID, GRID // 2)
-        row.setSpacing(GRID)
-        row.addWidget(self.plane)
-        for widget in (self.low, self.position, self.high, self.percent, label("%", "Unit"), self.flip):
-            row.addWidget(widget, 1 if widget is self.position else 0)
+        self.flip = button("Flip", "pick", checkable=True, toolTip="Remove the other side")
+        ends = (self.low, (self.position, 1), self.high, self.percent, label("%", "Unit"))
+        row(self.plane, *ends, self.flip, on=self, edges=_BAR_EDGES)
         self.plane.currentIndexChanged.connect(self.face)
-        self.position.valueChanged.connect(self._follow)
-        self.flip.toggled.connect(self._follow)
+        link(self._follow, self.position.valueChanged, self.flip.toggled)
         scene.plane_turned.connect(self._take)
         self._follow()
         self.hide()
@@ -394,8 +351,7 @@ class Stage(QWidget):
         self._theme = theme
         self._sign = QLabel(alignment=Qt.AlignmentFlag.AlignHCenter)
         self._title = label("", "EmptyTitle")
-        self._text = label("", "Hint", wrap=True)
-        self._text.setAlignment(Qt.AlignmentFlag.AlignHCenter)
+        self._text = having(label("", "Hint", wrap=True), alignment=Qt.AlignmentFlag.AlignHCenter)
         self._text.setFixedWidth(420)
         self._pages = QStackedWidget()
         self._split = QSplitter()
@@ -405,13 +361,7 @@ class Stage(QWidget):
             self._split.addWidget(widget)
         for page in (self._empty(), self._split):
             self._pages.addWidget(page)
-        self._column = QVBoxLayout(self)
-        self._column.setContentsMargins(0, 0, 0, 0)
-        self._column.setSpacing(0)
-        self._column.addWidget(self.bar)
-        self._column.addWidget(self.clip)
-        self._column.addWidget(self._pages, 1)
-        self._column.addWidget(self.footer)
+        self._column = column(self.bar, self.clip, (self._pages, 1), self.footer, on=self, gap=0)
         theme.changed.connect(self._paint)
         self._paint()
 
@@ -439,15 +389,9 @@ class Stage(QWidget):
         self._column.insertWidget(self._column.indexOf(self.footer), card)
 
     def _empty(self) -> QWidget:
-        page = QWidget()
-        page.setObjectName("Workspace")
+        page = having(QWidget(), objectName="Workspace")
         page.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
-        layout = QVBoxLayout(page)
-        layout.setSpacing(GRID)
-        layout.addStretch()
-        for widget in (self._sign, self._title, self._text):
-            layout.addWidget(widget, alignment=Qt.AlignmentFlag.AlignHCenter)
-        layout.addStretch()
+        column(..., *([..., part, ...] for part in (self._sign, self._title, self._text)), ..., on=page)
         return page
 
     def _paint(self) -> None:

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushButton, QWidget
 
 from homolog.progress import Tick
 from homolog.settings import Alignment, GroomSettings
@@ -16,7 +16,20 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.commands import command
 from homolog_app.window.runner import Status
 from homolog_app.window.theme import Theme, pixmap, scaled
-from homolog_app.window.widgets import GRID, ActionButton, Progress, button, label, rule
+from homolog_app.window.widgets import (
+    GRID,
+    ActionButton,
+    Progress,
+    button,
+    column,
+    fill,
+    grid,
+    having,
+    held,
+    label,
+    row,
+    rule,
+)
 
 __all__ = ["BEANS", "HEARTS", "SAMPLES", "Sample", "StartPage", "Stop", "stops_for"]
 
@@ -241,7 +254,11 @@ def stops_for(study: Study) -> tuple[Stop, ...]:
     return _STOPS
 
 
-_CARDS = ("file.new", "file.open", "file.sample_hearts")
+_CARDS = {
+    "file.new": "Segmentations (NRRD, NIfTI, MetaImage) or surfaces (VTP, PLY, STL, GIFTI).",
+    "file.open": "Open a saved study.",
+    "file.sample_hearts": "Twenty generated left ventricles, healthy or after infarct; a short tour.",
+}
 _FURTHER = {
     "file.sample_vertebrae": "Vertebrae",
     "file.sample_femora": "Femora",
@@ -263,33 +280,23 @@ class StartPage(QFrame):
         self.setObjectName("StartPage")
         self._theme, self._actions = theme, actions
         self._cards: list[tuple[QPushButton, QLabel, str]] = []
-        self._recent = QVBoxLayout()
-        self._recent.setSpacing(0)
-        column = QVBoxLayout()
-        column.setSpacing(2 * GRID)
-        column.addLayout(self._head())
-        column.addLayout(self._card_row())
+        self._recent = column(gap=0)
         self.hint = label("Or drop a folder, files or a project anywhere on this window.", "Hint")
         self.progress = Progress(actions["run.cancel"])
         self.progress.buttons.addStretch()
-        column.addLayout(self._further_row())
-        column.addWidget(self.hint, alignment=Qt.AlignmentFlag.AlignHCenter)
-        column.addWidget(self.progress)
-        column.addSpacing(GRID)
-        column.addLayout(self._recent)
-        centre = QWidget()
-        centre.setMaximumWidth(scaled(768))
-        centre.setLayout(column)
-        middle = QHBoxLayout()
+        more = [ActionButton(title, actions[identifier], "flat") for identifier, title in _FURTHER.items()]
+        samples = row(..., label("More sample studies:", "Hint"), *more, ...)
+        parts = (self._head(), self._card_row(), samples, [..., self.hint, ...], self.progress, GRID)
+        centre = having(QWidget(), maximumWidth=scaled(768))  # side margins on wide windows only
+        column(*parts, self._recent, on=centre, gap=2 * GRID)
+        middle = row((centre, 100), gap=0)
+        middle.insertStretch(0, 1)
         middle.addStretch(1)
-        middle.addWidget(centre, 100)
-        middle.addStretch(1)
-        outer = QVBoxLayout(self)
-        outer.addStretch(2)
-        outer.addLayout(middle)
-        outer.addStretch(3)
         self.notice = label("", "Hint")
-        outer.addWidget(self.notice, alignment=Qt.AlignmentFlag.AlignHCenter)
+        outer = column(middle, on=self, edges=(GRID,))
+        outer.insertStretch(0, 2)
+        outer.addStretch(3)
+        fill(outer, [..., self.notice, ...])
         theme.changed.connect(self._draw_icons)
         self._draw_icons()
 
@@ -303,100 +310,51 @@ class StartPage(QFrame):
         while item := self._recent.takeAt(0):
             if widget := item.widget():
                 widget.deleteLater()
-        if not folders:
-            return
-        head = QWidget()
-        row = QHBoxLayout(head)
-        row.setContentsMargins(0, 0, 0, GRID // 2)
-        row.addWidget(label("Recent projects", "SectionTitle"))
-        row.addStretch()
-        forget = button("Clear list", "flat")
-        forget.clicked.connect(self.forgotten)
-        row.addWidget(forget)
-        self._recent.addWidget(head)
-        self._recent.addWidget(rule())
-        for folder in folders[:_RECENT]:
-            self._recent.addWidget(self._recent_row(folder))
+        if folders:
+            forget = button("Clear list", "flat", self.forgotten.emit)
+            head = held([label("Recent projects", "SectionTitle"), ..., forget], GRID // 2, gap=0)
+            fill(self._recent, head, rule(), *map(self._recent_row, folders[:_RECENT]))
 
     def _head(self) -> QHBoxLayout:
-        row = QHBoxLayout()
-        row.setSpacing(2 * GRID)
         mark = QLabel()
         mark.setPixmap(pixmap("homolog", "", 64))
-        row.addWidget(mark)
-        column = QVBoxLayout()
-        column.setSpacing(0)
-        column.addWidget(label("Homolog", "Wordmark"))
-        column.addWidget(
-            label(
-                "From segmentations to corresponding points and shape statistics",
-                "Tagline",
-                wrap=True,
-            )
-        )
-        row.addLayout(column, 1)
-        return row
+        about = "From segmentations to corresponding points and shape statistics"
+        texts = column(label("Homolog", "Wordmark"), label(about, "Tagline", wrap=True), gap=0)
+        return row(mark, (texts, 1), gap=2 * GRID)
 
     def _card_row(self) -> QGridLayout:
-        grid = QGridLayout()
-        grid.setSpacing(2 * GRID)
-        texts = {
-            "file.new": "Segmentations (NRRD, NIfTI, MetaImage) or surfaces (VTP, PLY, STL, GIFTI).",
-            "file.open": "Open a saved study.",
-            "file.sample_hearts": "Twenty generated left ventricles, healthy or after infarct; a short tour.",
-        }
-        for column, identifier in enumerate(_CARDS):
-            card, icon = self._card(identifier, texts[identifier])
-            card.setAccessibleName(command(identifier).title)
-            card.setAccessibleDescription(texts[identifier])
+        cells = grid(across=2 * GRID, down=2 * GRID)
+        for place, (identifier, text) in enumerate(_CARDS.items()):
+            card = ActionButton("", self._actions[identifier], "card")
+            title = command(identifier).title
+            having(card, accessibleName=title, accessibleDescription=text)
+            icon = QLabel()
+            texts = (label(title.rstrip("…"), "SectionTitle"), label(text, "Hint", wrap=True))
+            column(*_unclickable(icon, *texts), ..., on=card, edges=(2 * GRID,))
             self._cards.append((card, icon, command(identifier).icon))
-            grid.addWidget(card, 0, column)
-        return grid
-
-    def _further_row(self) -> QHBoxLayout:
-        """Return the sample studies that have no card."""
-        row = QHBoxLayout()
-        row.addStretch()
-        row.addWidget(label("More sample studies:", "Hint"))
-        for identifier, title in _FURTHER.items():
-            row.addWidget(ActionButton(title, self._actions[identifier], "flat"))
-        row.addStretch()
-        return row
-
-    def _card(self, identifier: str, text: str) -> tuple[QPushButton, QLabel]:
-        card = ActionButton("", self._actions[identifier], "card")
-        title = command(identifier).title.rstrip("…")
-        layout = QVBoxLayout(card)
-        layout.setContentsMargins(2 * GRID, 2 * GRID, 2 * GRID, 2 * GRID)
-        layout.setSpacing(GRID)
-        icon = QLabel()
-        for widget in (icon, label(title, "SectionTitle"), label(text, "Hint", wrap=True)):
-            widget.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-            layout.addWidget(widget)
-        layout.addStretch()
-        return card, icon
+            cells.addWidget(card, 0, place)
+        return cells
 
     def _recent_row(self, folder: Path) -> QWidget:
         present = folder.is_dir()
-        row = button("", "row")
-        row.setAccessibleName(f"Open {folder.name}" if present else f"Locate {folder.name}")
-        layout = QHBoxLayout(row)
-        layout.setContentsMargins(GRID, 0, GRID, 0)
-        texts = (folder.name, str(folder.parent) if present else "not found — locate…")
-        fitting = [
-            self.fontMetrics().elidedText(text, Qt.TextElideMode.ElideMiddle, _TEXT_PX) for text in texts
-        ]
-        name, where = label(fitting[0]), label(fitting[1], "Hint")
-        row.setToolTip(str(folder))
-        for widget in (name, where):
-            widget.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        layout.addWidget(name)
-        layout.addStretch()
-        layout.addWidget(where)
+        name = f"Open {folder.name}" if present else f"Locate {folder.name}"
         signal = self.opened if present else self.located
-        row.clicked.connect(lambda _=False, path=str(folder): signal.emit(path))
-        return row
+        texts = (folder.name, str(folder.parent) if present else "not found — locate…")
+        first, second = (
+            self.fontMetrics().elidedText(text, Qt.TextElideMode.ElideMiddle, _TEXT_PX) for text in texts
+        )
+        result = button("", "row", lambda: signal.emit(str(folder)), accessibleName=name, toolTip=str(folder))
+        title, where = _unclickable(label(first), label(second, "Hint"))
+        row(title, ..., where, on=result, edges=(GRID, 0, GRID, 0))
+        return result
 
     def _draw_icons(self) -> None:
         for _, icon, name in self._cards:
             icon.setPixmap(pixmap(name, self._theme.colours.accent, 32))
+
+
+def _unclickable(*widgets: QLabel) -> tuple[QLabel, ...]:
+    """Let clicks reach the button below."""
+    for widget in widgets:
+        widget.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+    return widgets

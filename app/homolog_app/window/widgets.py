@@ -345,13 +345,13 @@ def dress_choice(box: _Choice, name: str, tip: str = "") -> _Choice:
 
 def offer(box: QComboBox, entries: Mapping[str, object]) -> None:
     """Offer other items, given with their data, and keep the one that is chosen, or choose the first."""
-    chosen = box.currentData()
+    kept, chosen = box.currentIndex() >= 0, box.currentData()
     with QSignalBlocker(box):
         if list(entries.items()) != [(box.itemText(at), box.itemData(at)) for at in range(box.count())]:
             box.clear()
             for text, data in entries.items():
                 box.addItem(text, data)
-        box.setCurrentIndex(max(box.findData(chosen), 0) if entries else -1)
+        box.setCurrentIndex(max(box.findData(chosen) if kept else 0, 0) if entries else -1)
 
 
 def dress_table(table: QTableView, name: str, least_height: int) -> None:

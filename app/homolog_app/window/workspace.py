@@ -10,12 +10,10 @@ from typing import Concatenate, ParamSpec, TypeVar, cast
 
 from PySide6.QtCore import QByteArray, QObject, QSettings, QTimer, Slot
 from PySide6.QtWidgets import (
-    QCheckBox,
     QComboBox,
     QDialog,
     QDialogButtonBox,
     QFileDialog,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -26,7 +24,17 @@ from homolog_app.studies.files import Journal, JournalRecord, ViewRecord, record
 from homolog_app.window.dialogs import LogMemory
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme
-from homolog_app.window.widgets import GRID, label, named_rows, set_primary
+from homolog_app.window.widgets import (
+    DIALOG_EDGES,
+    GRID,
+    column,
+    having,
+    label,
+    named_rows,
+    offer,
+    set_primary,
+    tick,
+)
 from homolog_app.window.work import Work
 
 __all__ = ["Controller", "FileDialogs", "Preferences", "PreferencesDialog", "Workspace", "reported"]
@@ -161,32 +169,22 @@ class PreferencesDialog(QDialog):
 
     def __init__(self, parent: QWidget, preferences: Preferences) -> None:
         super().__init__(parent)
-        self.setWindowTitle("Preferences")
-        self.setMinimumWidth(440)
+        having(self, windowTitle="Preferences", minimumWidth=440)
         self.scheme = QComboBox()
-        for value, text in SCHEMES.items():
-            self.scheme.addItem(text, value)
+        offer(self.scheme, {text: value for value, text in SCHEMES.items()})
         self.scheme.setCurrentIndex(self.scheme.findData(preferences.scheme))
-        self.ask = QCheckBox("Ask before discarding unsaved edits or stopping a run")
-        self.ask.setChecked(preferences.ask_on_close)
+        asks = "Ask before discarding unsaved edits or stopping a run"
+        self.ask = tick(asks, checked=preferences.ask_on_close)
         form = named_rows((("Colours", self.scheme), ("Closing", self.ask)))
         form.setVerticalSpacing(2 * GRID)
-        buttons = QDialogButtonBox(
-            QDialogButtonBox.StandardButton.Ok | QDialogButtonBox.StandardButton.Cancel,
-            parent=self,  # its style sheet is needed when icons are created
-        )
-        set_primary(buttons.button(QDialogButtonBox.StandardButton.Ok), primary=True)
+        standard = QDialogButtonBox.StandardButton
+        buttons = QDialogButtonBox(standard.Ok | standard.Cancel, parent=self)
+        set_primary(buttons.button(standard.Ok), primary=True)
         buttons.accepted.connect(self.accept)
         buttons.rejected.connect(self.reject)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
-        layout.setSpacing(2 * GRID)
-        layout.addWidget(label("Preferences", "PanelTitle"))
-        layout.addLayout(form)
-        layout.addWidget(
-            label("Device, method and particles belong to the study: see Correspond.", "Hint", wrap=True)
-        )
-        layout.addWidget(buttons)
+        title, of_study = "Preferences", "Device, method and particles belong to the study: see Correspond."
+        parts = (label(title, "PanelTitle"), form, label(of_study, "Hint", wrap=True), buttons)
+        column(*parts, on=self, edges=DIALOG_EDGES, gap=2 * GRID)
 
     def store(self, preferences: Preferences) -> None:
         """Store the choices."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import BaseModel
-from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
+from PySide6.QtCore import QSignalBlocker, Signal
+from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel, QLineEdit, QWidget
 
 from homolog.io.project import ProjectFolder
 from homolog.io.report_details import read_details
@@ -26,7 +26,18 @@ from homolog_app.exports.settings import (
 )
 from homolog_app.rendering.camera import Clip, ClipPlane
 from homolog_app.window.theme import scaled
-from homolog_app.window.widgets import GRID, choice, label
+from homolog_app.window.widgets import (
+    GRID,
+    choice,
+    column,
+    grid,
+    having,
+    label,
+    link,
+    named_rows,
+    offer,
+    show_all,
+)
 
 __all__ = [
     "KINDS",
@@ -189,29 +200,21 @@ class GroupChooser(QWidget):
     def __init__(self, columns: Mapping[str, Sequence[str]], *, optional: bool) -> None:
         super().__init__()
         self._columns = group_columns(columns)
-        self._of_groups: list[QWidget] = []
-        self.column, self.first, self.second = choice("Column"), choice("From"), choice("To")
-        if optional:
-            self.column.addItem(_NOTHING, "")
-        for column in self._columns:
-            self.column.addItem(column, column)
-        grid = QGridLayout(self)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setSpacing(GRID)
-        rows = (("Column", self.column), ("From the mean of", self.first), ("To the mean of", self.second))
-        for row, (text, box) in enumerate(rows):
-            box.setAccessibleName(text)
-            name = QLabel(text)
-            name.setBuddy(box)
-            grid.addWidget(name, row, 0)
-            grid.addWidget(box, row, 1)
-            if box is not self.column:
-                self._of_groups += name, box
-        grid.setColumnStretch(1, 1)
-        grid.setColumnMinimumWidth(0, scaled(NAMES_PX))
+        nothing: dict[str, object] = {_NOTHING: ""} if optional else {}
+        self.column = choice("Column", nothing | {name: name for name in self._columns})
+        self.first, self.second = choice("From the mean of"), choice("To the mean of")
+        self._of_groups = (QLabel("From the mean of"), self.first, QLabel("To the mean of"), self.second)
+        cells = grid(self)
+        for line, parts in enumerate(
+            ((QLabel("Column"), self.column), self._of_groups[:2], self._of_groups[2:])
+        ):
+            for place, part in enumerate(parts):
+                cells.addWidget(part, line, place)
+            parts[0].setBuddy(parts[1])
+        cells.setColumnStretch(1, 1)
+        cells.setColumnMinimumWidth(0, scaled(NAMES_PX))
         self.column.currentIndexChanged.connect(self._fill)
-        for box in (self.first, self.second):
-            box.currentIndexChanged.connect(self.changed)
+        link(self.changed, self.first.currentIndexChanged, self.second.currentIndexChanged)
         self._fill()
 
     @property
@@ -233,13 +236,10 @@ class GroupChooser(QWidget):
     def _fill(self) -> None:
         groups = self._columns.get(self.column.currentData() or "", [])
         for index, box in enumerate((self.first, self.second)):
-            box.blockSignals(True)
-            box.clear()
-            box.addItems(groups)
-            box.setCurrentIndex(min(index, len(groups) - 1))
-            box.blockSignals(False)
-        for widget in self._of_groups:
-            widget.setVisible(bool(groups))
+            offer(box, dict.fromkeys(groups))
+            with QSignalBlocker(box):
+                box.setCurrentIndex(min(index, len(groups) - 1))
+        show_all(bool(groups), *self._of_groups)
         self.changed.emit()
 
 
@@ -251,38 +251,31 @@ class MotionChooser(QWidget):
     def __init__(self, modes: int, mode: int, columns: Mapping[str, Sequence[str]], camera: str = "") -> None:
         super().__init__()
         self._most = modes
-        self.what, self.modes = QComboBox(), QLineEdit(str(mode))
         self.groups = GroupChooser(columns, optional=False)
-        self.what.addItem("Modes of variation", "mode")
-        if self.groups.is_possible:
-            self.what.addItem("From one group to another", "group")
-        self.what.addItem("The mean shape", "mean")
-        self.what.setAccessibleName("What is shown")
-        self.modes.setAccessibleName("Modes")
-        self.modes.setToolTip(f"Numbers from 1 to {modes}; several make a grid")
-        self._mode_page = self._make_mode_page(modes)
+        kinds = {"Modes of variation": "mode", "From one group to another": "group", "The mean shape": "mean"}
+        possible = {text: kind for text, kind in kinds.items() if kind != "group" or self.groups.is_possible}
+        self.what = having(QComboBox(), accessibleName="What is shown")
+        offer(self.what, possible)
+        tip = f"Numbers from 1 to {modes}; several make a grid"
+        self.modes = having(QLineEdit(str(mode)), accessibleName="Modes", toolTip=tip)
+        how = label(f"1 to {modes}, such as 1 or 1 2 3 for a grid", "FieldHelp", wrap=True)
+        self._mode_page = QWidget()
+        rows = named_rows((("Modes", self.modes), ("", how)), self._mode_page)
+        rows.setColumnMinimumWidth(0, scaled(NAMES_PX))
+        rows.setVerticalSpacing(GRID // 2)
         self.groups.hide()
-        self.views = {name: QCheckBox(name.capitalize()) for name in SIGHTS}
-        if camera:
-            self.views = {camera: QCheckBox("As in the window"), **self.views}
+        own = {camera: QCheckBox("As in the window")} if camera else {}
+        self.views = own | {name: QCheckBox(name.capitalize()) for name in SIGHTS}
         next(iter(self.views.values())).setChecked(True)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(GRID)
-        layout.addWidget(self.what)
-        layout.addWidget(self._mode_page)
-        layout.addWidget(self.groups)
-        layout.addWidget(label("Seen from", "SectionTitle"))
-        grid = QGridLayout()
-        grid.setSpacing(GRID // 2)
-        for index, tick in enumerate(self.views.values()):
-            tick.setAccessibleName(f"Seen from: {tick.text()}")
-            grid.addWidget(tick, index // 2, index % 2)
-            tick.toggled.connect(self.changed)
-        layout.addLayout(grid)
+        sights = grid(across=GRID // 2, down=GRID // 2)
+        for index, each in enumerate(self.views.values()):
+            each.setAccessibleName(f"Seen from: {each.text()}")
+            sights.addWidget(each, index // 2, index % 2)
+            each.toggled.connect(self.changed)
+        seen = label("Seen from", "SectionTitle")
+        column(self.what, self._mode_page, self.groups, seen, sights, on=self)
         self.what.currentIndexChanged.connect(self._turn)
-        self.modes.textChanged.connect(self.changed)
-        self.groups.changed.connect(self.changed)
+        link(self.changed, self.modes.textChanged, self.groups.changed)
 
     @property
     def kind(self) -> str:
@@ -310,20 +303,6 @@ class MotionChooser(QWidget):
             parts = self.groups.arguments()
         views = self._views()
         return parts if views == ["oblique"] else [*parts, "--view", *views]
-
-    def _make_mode_page(self, modes: int) -> QWidget:
-        page = QWidget()
-        grid = QGridLayout(page)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setHorizontalSpacing(GRID)
-        grid.setVerticalSpacing(GRID // 2)
-        grid.setColumnMinimumWidth(0, scaled(NAMES_PX))
-        name = QLabel("Modes")
-        name.setBuddy(self.modes)
-        grid.addWidget(name, 0, 0)
-        grid.addWidget(self.modes, 0, 1)
-        grid.addWidget(label(f"1 to {modes}, such as 1 or 1 2 3 for a grid", "FieldHelp", wrap=True), 1, 1)
-        return page
 
     def _numbers(self) -> list[int]:
         parts = self.modes.text().replace(",", " ").split()

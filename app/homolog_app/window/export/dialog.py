@@ -13,8 +13,6 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QLineEdit,
-    QScrollArea,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -38,7 +36,18 @@ from homolog_app.window.export.choosers import (
 from homolog_app.window.export.process import ExportProcess, Preview
 from homolog_app.window.form import SettingsForm, SettingsPair
 from homolog_app.window.theme import scaled, screen_room
-from homolog_app.window.widgets import GRID, ProgressBar, button, label
+from homolog_app.window.widgets import (
+    DIALOG_EDGES,
+    GRID,
+    ProgressBar,
+    button,
+    column,
+    label,
+    restyle,
+    row,
+    scrolling,
+    show_all,
+)
 
 __all__ = ["ExportDialog", "Exported", "ScreenshotDialog"]
 
@@ -104,12 +113,9 @@ class ExportDialog(QDialog):
         self.place, self.line = QLineEdit(), QLineEdit(readOnly=True)
         self.note = label("", "Hint", wrap=True)
         self.bar = ProgressBar()
-        self.go, self.close_, self.show_ = (
-            button("Export", "primary"),
-            button("Close"),
-            button("Show in folder"),
-        )
-        self.copy = button("Copy", "flat")
+        self.go, self.close_ = button("Export", "primary", self._start), button("Close", does=self.reject)
+        self.show_, copied = button("Show in folder", does=self._show_result), QGuiApplication.clipboard()
+        self.copy = button("Copy", "flat", lambda: copied.setText(self.line.text()))
         self._lay_out()
         self._connect()
         self._suggest_place()
@@ -151,82 +157,57 @@ class ExportDialog(QDialog):
         self.child.stop()
 
     def _lay_out(self) -> None:
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
-        layout.setSpacing(2 * GRID)
-        layout.addWidget(label(self.kind.title, "PanelTitle"))
-        layout.addWidget(label(self.kind.hint, "Hint", wrap=True))
-        if self.exported.caution:
-            layout.addWidget(label(self.exported.caution, "Problem", wrap=True))
-        layout.addLayout(self._make_middle(), 1)
-        if self.help is not None:
-            layout.addWidget(self.help)
-        if self.kind.place:
-            browse = button("Browse…")
-            browse.clicked.connect(self._browse)
-            layout.addLayout(
-                _row("Save as" if self.kind.suffixes else "Folder to create", self.place, browse)
-            )
-        layout.addLayout(_row("Command line", self.line, self.copy))
-        layout.addWidget(self.bar)
-        layout.addWidget(self.note)
-        buttons = QHBoxLayout()
-        buttons.addWidget(self.show_)
-        buttons.addStretch()
-        buttons.addWidget(self.close_)
-        buttons.addWidget(self.go)
-        layout.addLayout(buttons)
-        self.bar.hide()
+        browse = button("Browse…", does=self._browse)
+        where = "Save as" if self.kind.suffixes else "Folder to create"
+        caution = self.exported.caution
+        column(
+            label(self.kind.title, "PanelTitle"),
+            label(self.kind.hint, "Hint", wrap=True),
+            *([label(caution, "Problem", wrap=True)] if caution else []),
+            (self._make_middle(), 1),
+            *([self.help] if self.help is not None else []),
+            *([_named(where, self.place, browse)] if self.kind.place else []),
+            _named("Command line", self.line, self.copy),
+            *(self.bar, self.note),
+            [self.show_, ..., self.close_, self.go],
+            on=self,
+            edges=DIALOG_EDGES,
+            gap=2 * GRID,
+        )
+        show_all(False, self.bar, self.show_)
         self.bar.setAccessibleName("Progress of the export")
-        self.show_.hide()
         self.go.setDefault(True)
         height = 300 if self.settings is None else 600
         room = screen_room(self.parentWidget())
-        wide, high = (1168, 840) if self.preview else (640, 640)
+        wide, high = (1168, 840) if self.preview else (640, 640)  # the settings of a picture do not fit
         high = min(high, room.height() - _FRAME) if self.chooser else height
         self.resize(min(wide, room.width()), high)
 
     def _make_middle(self) -> QHBoxLayout:
-        """Return the choices, the form of the settings, and the preview."""
-        form = QVBoxLayout()
-        form.setContentsMargins(0, 0, 2 * GRID, 0)
-        form.setSpacing(2 * GRID)
+        """Return the settings, which scroll, and the preview next to them."""
         what, model, main = self.exported, self.kind.settings, self.kind.main
         if self.kind.content == "motion":
             self.chooser = MotionChooser(what.modes, what.mode, what.columns, what.camera)
             self.preview = Preview(what.project)
         elif self.kind.content == "groups":
             self.chooser = GroupChooser(what.columns, optional=True)
-        if self.chooser is not None:
-            form.addWidget(self.chooser)
         if model is not None and self.settings is not None:
-            names = scaled(NAMES_PX)
+            names = scaled(NAMES_PX)  # all editors are aligned
             rows = SettingsPair(model, main, names) if main else SettingsForm(model, least_px=names)
             rows.show_values(self.settings)
             rows.edited.connect(self.edit)
             rows.marked.connect(self._update)
-            self.rows = rows
-            form.addWidget(rows)
-            self.help = rows.help
-        form.addStretch()
-        inner = QWidget()
-        inner.setLayout(form)
-        scroll = QScrollArea(widgetResizable=True)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setWidget(inner)
-        scroll.setVisible(form.count() > 1)
-        middle = QHBoxLayout()
-        middle.setSpacing(2 * GRID)
-        middle.addWidget(scroll, 1)
+            self.rows, self.help = rows, rows.help
+        inner, parts = QWidget(), [part for part in (self.chooser, self.rows) if part is not None]
+        column(*parts, ..., on=inner, edges=(0, 0, 2 * GRID, 0), gap=2 * GRID)
+        scroll = scrolling(inner)
+        scroll.setVisible(bool(parts))
+        middle = row((scroll, 1), gap=2 * GRID)
         if self.preview is not None:
             middle.addWidget(self.preview, 0, Qt.AlignmentFlag.AlignTop)
         return middle
 
     def _connect(self) -> None:
-        self.go.clicked.connect(self._start)
-        self.close_.clicked.connect(self.reject)
-        self.show_.clicked.connect(self._show_result)
-        self.copy.clicked.connect(lambda: QGuiApplication.clipboard().setText(self.line.text()))
         self.place.textChanged.connect(self._update)
         if self.chooser is not None:
             self.chooser.changed.connect(self._update)
@@ -306,10 +287,7 @@ class ExportDialog(QDialog):
         self.finished_export.emit(how)
 
     def _mark(self, failed: bool) -> None:
-        """Style the note as a problem or a hint."""
-        self.note.setObjectName("Problem" if failed else "Hint")
-        self.note.style().unpolish(self.note)
-        self.note.style().polish(self.note)
+        restyle(self.note, "objectName", "Problem" if failed else "Hint")
 
     def _switch(self, *, running: bool) -> None:
         self.bar.setVisible(running)
@@ -328,18 +306,13 @@ class ExportDialog(QDialog):
         QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
 
 
-def _row(text: str, line: QLineEdit, *after: QWidget) -> QHBoxLayout:
-    row = QHBoxLayout()
-    row.setSpacing(GRID)
+def _named(text: str, line: QLineEdit, *after: QWidget) -> QHBoxLayout:
+    """Return a line with its name at the left."""
     name = QLabel(text)
     name.setBuddy(line)
     name.setFixedWidth(scaled(NAMES_PX))
     line.setAccessibleName(text)
-    row.addWidget(name)
-    row.addWidget(line, 1)
-    for widget in after:
-        row.addWidget(widget)
-    return row
+    return row(name, (line, 1), *after)
 
 
 class ScreenshotDialog(ExportDialog):

@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QLabel, QWidget
 
 from homolog_app.cli.options import options_of
 from homolog_app.exports.settings import PictureSettings, StillSettings
+from homolog_app.window.widgets import having
 
 __all__ = ["ExportProcess", "Preview"]
 
@@ -117,11 +118,9 @@ class Preview(QLabel):
 
     def __init__(self, project: Path, parent: QWidget | None = None) -> None:
         super().__init__("Drawing the first frame…", parent)
-        self.setObjectName("Preview")
-        self.setAccessibleName("Preview of the first frame")
+        having(self, objectName="Preview", accessibleName="Preview of the first frame", wordWrap=True)
         self.setFixedSize(_SIZE, _SIZE * 9 // 16)
         self.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.setWordWrap(True)
         self.setFrameShape(QLabel.Shape.StyledPanel)
         self._project = project
         self._folder = QTemporaryDir()
