@@ -73,7 +73,7 @@ def test_errors_become_lines_and_exit_codes(monkeypatch, capsys, error, code, te
     def fail(arguments):
         raise error
 
-    monkeypatch.setattr("homolog_app.cli.project.run_info", fail)
+    monkeypatch.setattr("homolog_app.cli.project.ProjectFolder", fail)
     assert main(["info", "."]) == code
     assert capsys.readouterr().err == text
 
@@ -83,7 +83,7 @@ def test_a_bug_is_not_hidden(monkeypatch, kind):
     def fail(arguments):
         raise kind
 
-    monkeypatch.setattr("homolog_app.cli.project.run_info", fail)
+    monkeypatch.setattr("homolog_app.cli.project.ProjectFolder", fail)
     with pytest.raises(kind):
         main(["info", "."])
 

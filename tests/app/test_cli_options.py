@@ -5,14 +5,14 @@ import pytest
 from homolog.errors import InputError
 from homolog.parameters import parameters
 from homolog.settings import Alignment, GroomSettings, Method, OptimizeSettings, RunSettings
-from homolog_app.cli.options import add_options, with_options
+from homolog_app.cli.options import settings, with_options
 
 
 @pytest.fixture
 def parser():
     made = argparse.ArgumentParser()
     for model in (OptimizeSettings, GroomSettings, RunSettings):
-        add_options(made, model)
+        settings(model)(made)
     return made
 
 

@@ -99,10 +99,10 @@ def test_doctor_names_the_remedy_of_a_library_that_does_not_load(capsys, monkeyp
     ],
 )
 def test_what_the_machine_lacks_is_said_in_one_line(error, expected, capsys, monkeypatch):
-    def fails(_):
+    def fails():
         raise error
 
-    monkeypatch.setattr(doctor, "run_doctor", fails)
+    monkeypatch.setattr(doctor, "_cores", fails)
     assert main(["doctor"]) == 2
     said = capsys.readouterr().err
     assert expected in said
