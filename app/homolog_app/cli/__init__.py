@@ -120,8 +120,6 @@ def command_parser(
     commands : collection of str
         All, if not given.
     """
-    from homolog_app.cli.options import add_command
-
     parser = argparse.ArgumentParser(
         prog="homolog",
         description="Statistical shape analysis: corresponding points on a cohort of shapes, shape models "
@@ -132,6 +130,8 @@ def command_parser(
     modules = {}
     for name, (module, summary) in _COMMANDS.items():
         if name in commands:
+            from homolog_app.cli.options import add_command  # the list of commands does without
+
             modules[name] = importlib.import_module(f"{__name__}.{module}")
             add_command(subparsers, name, getattr(modules[name], f"run_{name}"), summary)
         else:
