@@ -1,5 +1,6 @@
 """Exceptions, grouped by who can fix the cause, and paths that users give."""
 
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 
@@ -11,6 +12,7 @@ __all__ = [
     "NumericalError",
     "WorkerDiedError",
     "is_out_of_memory",
+    "listed",
     "path_of",
     "user_message",
 ]
@@ -95,6 +97,12 @@ def path_of(value: str | PathLike[str], what: str = "path") -> Path:
         return Path(value)
     except TypeError as error:
         raise InputError(f"{what}: give the path of a file or folder, not {type(value).__name__}") from error
+
+
+def listed(names: Sequence[str], most: int = 5) -> str:
+    """Return names for a message, at most some of them with the number of the others."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def is_out_of_memory(error: BaseException) -> bool:

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
+from math import isfinite
 from pathlib import Path
 
 from homolog.errors import InputError
 from homolog.spreadsheets import MISSING, Row, read_rows
 
-__all__ = ["CATEGORY", "plain_name", "read_typed_rows"]
+__all__ = ["CATEGORY", "number_of", "plain_name", "read_typed_rows"]
 
 CATEGORY = ":c"
 """Suffix of a column's name that makes its values categories, even numbers."""
@@ -47,7 +48,7 @@ def read_typed_rows(path: Path, own: Sequence[str] = ()) -> tuple[list[str], lis
             )
     for number, row in rows[1:]:
         for name, word in types.items():
-            if word in _NUMBERS and not _is_number(row[name]):
+            if word in _NUMBERS and row[name].casefold() not in MISSING and number_of(row[name]) is None:
                 raise InputError(
                     f"{path}, line {number}: {row[name][:_SHOWN]!r} in the column {name} is not a number; "
                     f"correct or empty the cell, or declare {name} a category"
@@ -62,10 +63,9 @@ def read_typed_rows(path: Path, own: Sequence[str] = ()) -> tuple[list[str], lis
     return named, typed
 
 
-def _is_number(text: str) -> bool:
-    if text.casefold() in MISSING:
-        return True
+def number_of(text: str) -> float | None:
+    """Return the number of a cell, also with a decimal comma; None if it is none."""
     with suppress(ValueError):
-        float(text.replace(",", "."))
-        return True
-    return False
+        number = float(text.replace(",", "."))
+        return number if isfinite(number) else None
+    return None

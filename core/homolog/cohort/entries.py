@@ -1,8 +1,9 @@
 """Entries of folders that can be read, and those that can't."""
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
+
+from homolog.errors import listed
 
 __all__ = ["notes_on_skipped", "readable_entries"]
 
@@ -20,7 +21,6 @@ _DEPTH = 5
 """Number of levels of folders that are searched."""
 _MOST = 1000
 """Largest number of folders in which unreadable entries are looked for."""
-_NAMED = 5
 
 
 def readable_entries(folder: Path) -> list[Path]:
@@ -46,7 +46,7 @@ def notes_on_skipped(folder: Path) -> list[str]:
                 by_fault.setdefault(fault, []).append(path.relative_to(folder).as_posix())
             elif depth < _DEPTH and len(waiting) < _MOST and path.is_dir():
                 waiting.append((path, depth + 1))
-    return [f"skipped, {fault}: {_listed(names)}" for fault, names in by_fault.items()]
+    return [f"skipped, {fault}: {listed(names)}" for fault, names in by_fault.items()]
 
 
 def _judged(folder: Path) -> list[tuple[Path, str]]:
@@ -71,8 +71,3 @@ def _fault(entry: os.DirEntry[str]) -> str:
     except OSError as error:
         return f"{'folders' if is_folder else 'files'} that can't be read ({error.strerror})"
     return ""
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -25,6 +25,7 @@ __all__ = [
     "MANIFESTS",
     "NAMES",
     "PARTICIPANTS",
+    "is_absolute",
     "names_files",
     "own_columns",
     "place_of",
@@ -99,7 +100,7 @@ def _elsewhere(path: Path, rows: Sequence[tuple[int, Row]], files: Iterable[str]
     moved = [
         (text, place)
         for text in texts
-        if _is_absolute(text)
+        if is_absolute(text)
         and not os.path.exists(path.parent / text)
         and os.path.exists(place := place_of(path.parent, text))
     ]
@@ -173,13 +174,13 @@ def place_of(folder: Path, text: str) -> Path:
     slashed = text.replace("\\", "/")
     forms = [unicodedata.normalize(form, slashed) for form in ("NFC", "NFD")]
     places = [folder / item for item in (text, slashed, *forms)]
-    for form in forms if _is_absolute(text) else ():
+    for form in forms if is_absolute(text) else ():
         parts = [part for part in form.split("/") if part and not part.endswith(":")]
         if not {".", ".."} & set(parts):
             places += [folder.joinpath(*parts[start:]) for start in range(len(parts))]
     return next((place for place in places if os.path.exists(place)), places[1])
 
 
-def _is_absolute(text: str) -> bool:
+def is_absolute(text: str) -> bool:
     """Return whether a path is absolute on some system."""
     return text.startswith(("/", "\\")) or bool(PureWindowsPath(text).drive)

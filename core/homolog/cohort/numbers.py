@@ -1,28 +1,19 @@
 """Numbers that stand for missing values, such as -999: declared by the user, or far outside their column."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray
-from homolog.cohort.column_types import CATEGORY
+from homolog.cohort.column_types import CATEGORY, number_of
 from homolog.cohort.subject import Cohort, Subject
+from homolog.errors import listed
 
-__all__ = ["declared_missing", "is_code", "notes_on_numbers", "number_of", "outside_notes"]
+__all__ = ["declared_missing", "is_code", "notes_on_numbers", "outside_notes"]
 
 _LEVEL = 0.05
-_SHOWN = 5
-
-
-def number_of(text: str) -> float | None:
-    """Return the number of a cell, also with a decimal comma; None if it is none."""
-    with suppress(ValueError):
-        number = float(text.replace(",", "."))
-        return number if np.isfinite(number) else None
-    return None
 
 
 def is_code(text: str, codes: Sequence[str]) -> bool:
@@ -75,12 +66,12 @@ def outside_notes(column: str, cells: Mapping[str, str], *, only_codes: bool = F
         return []
     names = [name for name, is_outside in zip(numbers, outside, strict=True) if is_outside]
     texts = list(dict.fromkeys(cells[name] for name in names))
-    listed = ", ".join(names[:_SHOWN]) + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
     rest = values[~outside]
     lies, stands = ("lies", "it stands") if len(texts) == 1 else ("lie", "they stand")
     return [
-        f"{column}: {', '.join(texts)} of {listed} {lies} far outside the other values ({rest.min():g} to "
-        f"{rest.max():g}); if {stands} for a missing value, declare it (missing: {', '.join(texts)})"
+        f"{column}: {', '.join(texts)} of {listed(names)} {lies} far outside the other values "
+        f"({rest.min():g} to {rest.max():g}); if {stands} for a missing value, declare it (missing: "
+        f"{', '.join(texts)})"
     ]
 
 

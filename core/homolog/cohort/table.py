@@ -14,14 +14,13 @@ from homolog.cohort.manifest import NAMES, own_columns, place_of
 from homolog.cohort.numbers import is_code, notes_on_numbers
 from homolog.cohort.sides import SIDE_COLUMN
 from homolog.cohort.subject import Subject, checked_path, suffix_of
-from homolog.errors import InputError
+from homolog.errors import InputError, listed
 from homolog.spreadsheets import MISSING, Row, encoding_notes
 
 __all__ = ["Replaced", "TableChanges", "with_table", "with_values_of"]
 
 _NOT_TAKEN = ("path", "landmarks")
 _GROUP, _IMAGE, _PERSON = "group", "image", "subject"
-_SHOWN = 5
 _COLUMNS = 20
 _SHOWN_CHARACTERS = 80
 
@@ -79,11 +78,11 @@ class TableChanges:
         for number in dict.fromkeys(self.added.values()):
             names = [name for name, count in self.added.items() if count == number]
             each = " each" if len(names) > 1 else ""
-            lines.append(f"{_listed(names, _COLUMNS)}: {_count(number, 'new value')}{each}")
+            lines.append(f"{listed(names, _COLUMNS)}: {_count(number, 'new value')}{each}")
         for name in dict.fromkeys(item.column for item in self.replaced):
             changed = [item for item in self.replaced if item.column == name]
             shown = [f"{item.subject} {item.before} to {item.after}" for item in changed]
-            lines.append(f"{name}: {_count(len(changed), 'value')} replaced ({_listed(shown)})")
+            lines.append(f"{name}: {_count(len(changed), 'value')} replaced ({listed(shown)})")
         columns = {*self.added, *(item.column for item in self.replaced)}
         if any(plain_name(name).casefold() == SIDE_COLUMN for name in columns):
             lines.append("side: only the next run mirrors shapes by it; existing particles do not change")
@@ -95,8 +94,8 @@ class TableChanges:
     def coverage(self) -> list[str]:
         """How many subjects have a row, which have none, and which rows name none, one line each."""
         lines = [f"{len(self.matched)} of {len(self.subjects)} subjects have a row (column {self.key})"]
-        lines += [f"without a row: {_listed(self.without_row)}"] if self.without_row else []
-        return [*lines, *([f"rows that name no subject: {_listed(self.unknown)}"] if self.unknown else [])]
+        lines += [f"without a row: {listed(self.without_row)}"] if self.without_row else []
+        return [*lines, *([f"rows that name no subject: {listed(self.unknown)}"] if self.unknown else [])]
 
 
 def with_table(subjects: Sequence[Subject], path: Path, missing: Sequence[str] = ()) -> TableChanges:
@@ -151,7 +150,7 @@ def with_table(subjects: Sequence[Subject], path: Path, missing: Sequence[str] =
     ]
     twice = [name for name, count in Counter(chain.from_iterable(named_by)).items() if count > 1]
     if twice:
-        raise InputError(f"{path}: has several rows of {_listed(twice)}; keep one of each")
+        raise InputError(f"{path}: has several rows of {listed(twice)}; keep one of each")
     values = {
         name: {
             _GROUP if column in groups else column: (
@@ -315,8 +314,3 @@ def _stem(file: str) -> str:
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
-def _listed(names: Sequence[str], shown: int = _SHOWN) -> str:
-    more = f" and {len(names) - shown} more" if len(names) > shown else ""
-    return ", ".join(names[:shown]) + more

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,7 @@ _log = logging.getLogger(__name__)
 _MANY_PAIRS = 0.5
 """Fraction of subjects with pairs; below it, pieces are noise rather than two organs under one label."""
 _FEWEST_ALIKE = 4
+_CLOSED = ("by winding number (for rims that are not flat)", "flat")
 _ALIKE = 0.75
 """Fraction of subjects with the same number of handles above which another number gets a note."""
 _PAIR = (
@@ -318,73 +320,62 @@ def groom_cohort(
 
 def compared(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
     """Return groomed subjects with notes on those whose surfaces differ in kind from most, or occur twice."""
-    return _with_other_handles(_with_other_rims(_with_other_ends(_with_twins(groomed))))
+    closings = {item.name: item.report.ends[1] == 0 for item in groomed if any(item.report.ends)}
+    openings = {item.name: item.report.rims > 0 for item in groomed}
+    handles = {item.name: item.report.genus for item in groomed}
+    noted = _with_unusual(
+        _with_twins(groomed),
+        closings,
+        lambda own, usual: (
+            f"a wide opening was closed {_CLOSED[own]}, those of most subjects {_CLOSED[usual]}; differences "
+            "there show no anatomy"
+        ),
+    )
+    noted = _with_unusual(
+        noted,
+        openings,
+        lambda own, usual: (
+            f"its surface is {'open' if own else 'closed'}, those of most subjects "
+            f"{'stay open' if usual else 'are closed'}; repair it, or close or open all meshes"
+        ),
+    )
+    return _with_unusual(
+        noted,
+        handles,
+        lambda own, usual: (
+            f"its surface has {own or 'no'} handle{'' if own == 1 else 's'} (tunnels through it), those of "
+            f"most subjects {usual or 'none'}; look at it, and correct its file if it is wrong"
+        ),
+        _ALIKE,
+    )
+
+
+def _with_unusual(
+    groomed: Sequence[GroomedSubject],
+    kinds: Mapping[str, int],
+    note: Callable[[int, int], str],
+    least: float = 0.5,
+) -> list[GroomedSubject]:
+    """Return the subjects, with a note on each of another kind than most; `least` is the share of these."""
+    usual, count = Counter(kinds.values()).most_common(1)[0] if kinds else (0, 0)
+    if count < least * len(kinds) or (least > 0.5 and len(kinds) < _FEWEST_ALIKE):
+        return list(groomed)
+    return [
+        item if (own := kinds.get(item.name, usual)) == usual else _with_note(item, note(own, usual))
+        for item in groomed
+    ]
 
 
 def _with_twins(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
     """Return the subjects, with a note on each whose surface is that of an earlier one."""
-    by_volume: dict[float, list[GroomedSubject]] = {}
+    first: dict[bytes, str] = {}
     noted = []
     for subject in groomed:
-        alike = by_volume.setdefault(subject.report.volume_after or subject.mesh.area, [])
-        twin = next((other.name for other in alike if _are_equal(other.mesh, subject.mesh)), None)
+        mesh = subject.mesh
+        twin = first.setdefault(sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).digest(), subject.name)
         note = f"its surface is identical to that of {twin}; exclude one of them, or correct its file"
-        noted.append(subject if twin is None else _with_note(subject, note))
-        alike.append(subject)
+        noted.append(subject if twin == subject.name else _with_note(subject, note))
     return noted
-
-
-def _are_equal(first: TriangleMesh, second: TriangleMesh) -> bool:
-    return np.array_equal(first.faces, second.faces) and np.array_equal(first.vertices, second.vertices)
-
-
-def _with_other_ends(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
-    """Return the subjects, with a note on each whose open ends were closed otherwise than most."""
-    is_flat = {item.name: item.report.ends[1] == 0 for item in groomed if any(item.report.ends)}
-    flat = list(is_flat.values()).count(True)
-    if flat in (0, len(is_flat)):
-        return list(groomed)
-    is_usual = 2 * flat >= len(is_flat)
-    ways = ["flat", "by winding number (for rims that are not flat)"]
-    here, usual = ways[::-1] if is_usual else ways
-    note = (
-        f"a wide opening was closed {here}, those of most subjects {usual}; differences there show no anatomy"
-    )
-    return [
-        _with_note(item, note) if is_flat.get(item.name, is_usual) is not is_usual else item
-        for item in groomed
-    ]
-
-
-def _with_other_rims(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
-    """Return the subjects, with a note on each that is open where most are closed, or closed."""
-    is_open = [item.report.rims > 0 for item in groomed]
-    is_usual = 2 * sum(is_open) >= len(groomed)
-    here, usual = ("closed", "stay open") if is_usual else ("open", "are closed")
-    note = f"its surface is {here}, those of most subjects {usual}; repair it, or close or open all meshes"
-    return [
-        item if own is is_usual else _with_note(item, note)
-        for item, own in zip(groomed, is_open, strict=True)
-    ]
-
-
-def _with_other_handles(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
-    """Return the subjects, with a note on each with another number of handles than nearly all have."""
-    counts = Counter(item.report.genus for item in groomed)
-    usual, count = counts.most_common(1)[0] if counts else (0, 0)
-    if len(groomed) < _FEWEST_ALIKE or count < _ALIKE * len(groomed):
-        return list(groomed)
-    look = f"those of most subjects {usual or 'none'}; look at it, and correct its file if it is wrong"
-    return [
-        item
-        if item.report.genus == usual
-        else _with_note(item, f"its surface has {_handles(item.report.genus)}, {look}")
-        for item in groomed
-    ]
-
-
-def _handles(count: int) -> str:
-    return f"{count or 'no'} handle{'' if count == 1 else 's'} (tunnels through it)"
 
 
 def _whole(groomed: GroomedSubject) -> GroomedSubject:

@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 import warp as wp
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from homolog.arrays import Array, FloatArray, IntArray, frozen
+from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.cluster import SubjectWorkers
 from homolog.correspondence.kernels.particles import locate
 from homolog.correspondence.launcher import Launcher
@@ -51,7 +51,6 @@ _LEAST = 32
 particles."""
 _CHUNK = 8
 """Number of subjects that a process receives at a time."""
-_T = TypeVar("_T")
 _MEAN_ROUNDS = 20
 _LOST = 1.0
 _MOST_OFF = 0.02  # fraction of the particles: a few may be off a mesh that cuts corners of the surface
@@ -99,28 +98,14 @@ class LocatedParticles:
 
     def with_subject(self, index: int, other: "LocatedParticles") -> "LocatedParticles":
         """Return a copy in which one subject is replaced by the single subject of `other`."""
-
-        def put(name: str) -> Array:
-            changed: Array = getattr(self, name).copy()
-            changed[index] = getattr(other, name)[0]
-            return frozen(changed)
-
-        return LocatedParticles(
-            meshes=_put(self.meshes, index, other.meshes),
-            alignments=put("alignments"),
-            local=put("local"),
-            world=put("world"),
-            normals=put("normals"),
-            faces=put("faces"),
-            spacing=put("spacing"),
-            coarse_reaches=_put(self.coarse_reaches, index, other.coarse_reaches),
-            reaches=_put(self.reaches, index, other.reaches),
-            distances=_put(self.distances, index, other.distances),
-        )
-
-
-def _put(whole: tuple[_T, ...], index: int, other: tuple[_T, ...]) -> tuple[_T, ...]:
-    return (*whole[:index], other[0], *whole[index + 1 :])
+        changed: dict[str, Any] = {}
+        for name in self.__dataclass_fields__:
+            parts = list(getattr(self, name))
+            parts[index] = getattr(other, name)[0]
+            changed[name] = (
+                frozen(np.stack(parts)) if isinstance(getattr(self, name), np.ndarray) else tuple(parts)
+            )
+        return LocatedParticles(**changed)
 
 
 def locate_particles(

@@ -18,7 +18,7 @@ import numpy as np
 
 from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.cohort import dicom_files, dicom_segmentations, dicom_slices, is_dicom_seg
-from homolog.errors import InputError
+from homolog.errors import InputError, listed
 from homolog.io.bounded import read_bytes
 from homolog.io.volumes import Layers, Segment, Stored, Volume, check_size
 from homolog.progress import Tick
@@ -47,10 +47,9 @@ def read_dicom(path: Path) -> Volume | None:
         read = read_seg if is_dicom_seg(segmentations[0]) else read_rtstruct
         return read(segmentations[0])
     if segmentations:
-        names = [file.name for file in segmentations]
-        listed = ", ".join(names[:_SHOWN]) + (", …" if len(names) > _SHOWN else "")
+        names = listed([file.name for file in segmentations], _SHOWN)
         raise InputError(
-            f"{path}: contains segmentations ({listed}) among {len(files)} DICOM files; enter one of them in "
+            f"{path}: contains segmentations ({names}) among {len(files)} DICOM files; enter one of them in "
             "the column path of a table, or keep each segmentation in a folder of its own"
         )
     return None

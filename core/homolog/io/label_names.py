@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import TypeVar
 
 from homolog.cohort import IMAGE_SUFFIXES, suffix_of
-from homolog.errors import InputError
+from homolog.errors import InputError, listed
 from homolog.spreadsheets import lists_labels, read_rows
 
 __all__ = [
@@ -110,11 +110,6 @@ _SYNONYMS = {
     "r": "right",
     "rh": "right",
     "rt": "right",
-    "links": "left",
-    "gauche": "left",
-    "rechts": "right",
-    "droit": "right",
-    "droite": "right",
     "third": "3rd",
     "fourth": "4th",
     "fifth": "5th",
@@ -211,9 +206,8 @@ def together(path: Path, labels: Sequence[tuple[int, str]], *, numbered: bool = 
         beside = table.names if table else beside
     names = [(own or beside.get(value, ""), value) for value, own in labels]
     called = [(f"{name} ({value})" if numbered else name) if name else str(value) for name, value in names]
-    more = f" and {len(called) - _NEAR} more" if len(called) > _NEAR else ""
-    listed = ", ".join(called[:_NEAR])
-    return f"labels {listed}{more} were combined into one structure; choose a label to study one of them"
+    shown = listed(called, _NEAR)
+    return f"labels {shown} were combined into one structure; choose a label to study one of them"
 
 
 def read_label_table(path: Path) -> LabelTable | None:

@@ -11,7 +11,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import Any
 
@@ -19,6 +19,8 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort, Subject, checked_path, stem_of, subject_at
+from homolog.cohort.manifest import is_absolute
+from homolog.cohort.manifest import place_of as place_in
 from homolog.errors import InputError
 from homolog.io.bounded import read_json
 from homolog.io.constraints import COLUMN, read_constraints, text_of
@@ -241,27 +243,16 @@ def place_of(path: str, folder: Path) -> Path | None:
     it is the file in the folder with the longest end of that path, None if there is none.
     """
     plain = plain_path(path)
-    place = folder / plain
-    literal = folder / path.replace("\\", "/")  # a file may be named a%20b
-    if os.path.exists(literal):  # it never raises
-        return literal
-    if not _is_absolute(plain) or os.path.exists(place):
-        return place
-    parts = [part for part in PureWindowsPath(plain).parts[1:] if part != "."]
-    if ".." in parts:
-        return None
-    ends = (folder.joinpath(*parts[start:]) for start in range(len(parts)))
-    return next((end for end in ends if os.path.exists(end)), None)
+    places = [item for text in (path, plain) if os.path.exists(item := place_in(folder, text))]
+    if places or is_absolute(plain):
+        return places[0] if places else None
+    return folder / plain
 
 
 def leads_out(path: str) -> bool:
     """Return whether a path leads out of the project's folder, or to another machine."""
     plain = path.replace("\\", "/")
-    return _is_absolute(plain) or ".." in PurePosixPath(plain).parts
-
-
-def _is_absolute(plain: str) -> bool:
-    return plain.startswith("/") or bool(PureWindowsPath(plain).drive)
+    return is_absolute(plain) or ".." in PurePosixPath(plain).parts
 
 
 _FLAGS = ("fixed", "excluded")

@@ -9,7 +9,7 @@ from statistics import median
 
 from homolog.cluster import each_read
 from homolog.cohort import Cohort, Subject
-from homolog.errors import InputError
+from homolog.errors import InputError, listed
 from homolog.io.images import read_volume
 from homolog.io.label_names import FREESURFER, matching, near, same_name
 from homolog.io.meshes import read_mesh
@@ -135,7 +135,7 @@ def mask_of(subject: Subject, label: int | None, segment: str | None) -> Path:
         If there is no such structure, or the name is ambiguous.
     """
     masks = subject.structures
-    listed = ", ".join(list(masks)[:_LISTED]) + (" …" if len(masks) > _LISTED else "")
+    available = listed(list(masks), _LISTED)
     if segment is None and len(masks) == 1:
         return next(iter(masks.values()))
     if segment is None:
@@ -144,7 +144,7 @@ def mask_of(subject: Subject, label: int | None, segment: str | None) -> Path:
             what += ", or is a group (then list the files in a cohort.csv)"
         raise InputError(
             f"{subject.path}: {what}; choose one by its name (label: {next(iter(masks))}), or run a batch of "
-            f"all; available: {listed}"
+            f"all; available: {available}"
         )
     matches = matching(masks.items(), segment)
     if len(matches) > 1:
@@ -153,7 +153,7 @@ def mask_of(subject: Subject, label: int | None, segment: str | None) -> Path:
     if not matches:
         alike = near(masks, segment)
         nearest = f"similar names: {', '.join(alike)}; " if alike else ""
-        raise InputError(f"{subject.path}: has no file of {segment!r}; {nearest}available: {listed}")
+        raise InputError(f"{subject.path}: has no file of {segment!r}; {nearest}available: {available}")
     return matches[0]
 
 

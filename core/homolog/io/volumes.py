@@ -9,7 +9,7 @@ import numpy as np
 
 from homolog.arrays import Array, BoolArray, FloatArray, frozen
 from homolog.cohort.subject import stem_of
-from homolog.errors import InputError
+from homolog.errors import InputError, listed
 from homolog.io.label_names import label_table, matching, near, same_name, together
 from homolog.io.values import (
     are_interpolated,
@@ -296,13 +296,11 @@ class Volume:
         """Return similar names of a missing structure, and the content of the file."""
         if not (there := self.segments()):
             return "segment the structure or exclude the subject"
-        listed = ", ".join(self._titles(there[:_NAMED]))
-        more = f" and {len(there) - _NAMED} more" if len(there) > _NAMED else ""
         alike = near([item.name for item in there], name) if name else []
         nearest = f"similar names: {', '.join(alike)}; " if alike else ""
         nameless = name and not any(item.name for item in there)
         remedy = "; put a table of the labels' names next to the files, or give a number" if nameless else ""
-        return f"{nearest}it contains {listed}{more}{remedy}"
+        return f"{nearest}it contains {listed(self._titles(there), _NAMED)}{remedy}"
 
     def _everything(self) -> Segmentation:
         notes = (*self.notes, *(fault.removeprefix(f"{self.path}: ") for fault in self.unavailable.values()))
@@ -337,10 +335,9 @@ class Volume:
             return
         names = {item.value: item.name for item in self.with_names().named}
         called = [names.get(value) or str(value) for value in apart]
-        more = f" and {len(called) - _NAMED} more" if len(called) > _NAMED else ""
         raise InputError(
             f"{self.path}: its labels are structures that do not touch; choose one (label: {called[0]}), or "
-            f"run a batch of all; available: {', '.join(called[:_NAMED])}{more}"
+            f"run a batch of all; available: {listed(called, _NAMED)}"
         )
 
     def _union(self) -> BoolArray:
@@ -352,9 +349,9 @@ class Volume:
             overlap |= bool((mask & (layer > 0)).any())
             mask = mask | (layer > 0)
         if overlap:
-            listed = ", ".join(self._titles(self.segments()))
+            names = ", ".join(self._titles(self.segments()))
             raise InputError(
-                f"{self.path}: its segments overlap ({listed}), so that they are not one structure; "
+                f"{self.path}: its segments overlap ({names}), so that they are not one structure; "
                 "choose one by its name"
             )
         return mask

@@ -55,7 +55,6 @@ NO_TABLES = {
         "HippocampusLeft",
         "Hippocampus_L",
         "lh-hippocampus",
-        "Hippocampus links",
     ],
 )
 def test_case_dashes_and_order_of_words_do_not_matter(name):
