@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from homolog.arrays import IntArray
 from homolog.statistics.assumptions import Dispersion, SizeSkewness
+from homolog.statistics.randomization import LEVEL
 
 if TYPE_CHECKING:
     from homolog.statistics.comparison import Comparison
@@ -21,8 +22,6 @@ __all__ = [
     "size_caution",
 ]
 
-LEVEL = 0.05
-"""Significance level of corrected p-values."""
 _UNLIKE = 1.5
 """Ratio of two groups' dispersions, or of their numbers of subjects, that raises a caution."""
 

@@ -21,7 +21,7 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.statistics.checks import checked_particles
 from homolog.statistics.design import Hypothesis
 from homolog.statistics.parallel import Null, ParallelAnalysis, parallel_analysis
-from homolog.statistics.randomization import Randomization, RandomizationTest
+from homolog.statistics.randomization import LEVEL, Randomization, RandomizationTest
 from homolog.statistics.shape_model import leading_scores
 from homolog.statistics.wilks import hotelling, rao_f, wilks_p
 from homolog.threads import on_one_thread
@@ -195,7 +195,7 @@ def mode_test(
         p_modes=drawn.ratio(scores).p if n_modes else 1.0,
         permuted=drawn.permuted,
         parallel=parallel,
-        warnings=_warnings(n_modes, hypothesis),
+        warnings=_warnings(n_modes, hypothesis, drawn.arrangements),
     )
 
 
@@ -231,7 +231,12 @@ def _check_modes(n_modes: int, hypothesis: Hypothesis, available: int) -> None:
         )
 
 
-def _warnings(n_modes: int, hypothesis: Hypothesis) -> tuple[str, ...]:
+def _warnings(n_modes: int, hypothesis: Hypothesis, arrangements: int) -> tuple[str, ...]:
+    if arrangements * LEVEL < 1.0:
+        return (
+            f"Too few subjects: they have {arrangements} distinct arrangements, so that p is at least "
+            f"{1.0 / arrangements:.2g} and no test can show an effect, however large.",
+        )
     if n_modes == 0:
         return ("Parallel analysis retains no mode: the shapes can't be told from noise, and there is no D.",)
     if hypothesis.error_dof < _MIN_DOF_PER_MODE * n_modes:

@@ -11,7 +11,7 @@ dispersions change along the design, so that few dispersed subjects don't determ
 
 Permuting subjects instead gives all of them one covariance: it is exact if covariances are equal, but finds
 effects where only dispersions differ. It is used where signs are too few: up to ten rows, if they have more
-permutations than flips, as along a number. The statistic is the same.
+permutations than flips, as along a number, or so few that no p can be 0.05. The statistic is the same.
 """
 
 from collections import Counter
@@ -30,6 +30,7 @@ from homolog.statistics.shape_model import leading_scores
 from homolog.threads import MOST_THREADS, blas_threads, cores
 
 __all__ = [
+    "LEVEL",
     "Randomization",
     "RandomizationTest",
     "SurfaceTest",
@@ -42,6 +43,8 @@ __all__ = [
 MANY = 300
 """Number of rows from which on all variables together are tested in this many leading modes, and are not
 compared with independent rows, whose effect is of the order of 1 / rows."""
+LEVEL = 0.05
+"""Significance level of corrected p-values."""
 LEAST_FLIPS = 1000
 """Fewer flips than this can't show p < 0.001."""
 _ROUNDING = 1e-9
@@ -225,10 +228,16 @@ class Randomization:
         rows = len(tested)
         self._columns = np.hstack([tested, hypothesis.nuisance])
         flips = 2 ** min(self._units - 1, 62)
-        orders = factorial(rows) // prod(map(factorial, self._alike())) if rows <= 20 else 0
-        self.permuted: bool = (
-            self._units == rows and flips < LEAST_FLIPS and orders > flips and hypothesis.nuisance.size > 0
-        )
+        alike = self._alike()
+        orders = factorial(rows) // prod(map(factorial, alike)) if rows <= 20 else 0
+        exchangeable = self._units == rows and hypothesis.nuisance.size > 0
+        self.arrangements = flips
+        """Distinct arrangements of the units; p is at least one in so many."""
+        if exchangeable and orders and hypothesis.nuisance.shape[1] == 1:
+            same = prod(factorial(count) for size, count in Counter(alike).items() if size > 1)
+            self.arrangements = orders // same  # groups of the same size can be exchanged as a whole
+        few = self.arrangements * LEVEL < 1.0
+        self.permuted: bool = exchangeable and flips < LEAST_FLIPS and (orders > flips or few)
         possible = factorial(rows) if self.permuted else flips
         self.exact = possible - 1 <= draws
         self.count = possible - 1 if self.exact else draws

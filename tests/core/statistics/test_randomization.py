@@ -8,6 +8,7 @@ from homolog.statistics.design import (
     paired_design,
     regression_design,
 )
+from homolog.statistics.mode_test import mode_test
 from homolog.statistics.randomization import Randomization, dispersions, p_values
 
 
@@ -135,6 +136,19 @@ def test_dispersions_of_other_amount_or_pattern_leave_the_level_as_it_is(pattern
         drawn = Randomization(hypothesis, shapes.reshape(32, -1), draws=99, seed=repeat)
         found += drawn.ratio(shapes.reshape(32, -1)).p <= 0.05, drawn.surface(shapes).p_fwe.min() <= 0.05
     assert (found <= 11).all()  # of 100; by chance in one of 100 such tests
+
+
+def test_designs_whose_p_cannot_reach_the_level_say_so():
+    generator = np.random.default_rng(2)
+    for first, second, few in ((3, 3, True), (2, 4, True), (3, 4, False), (4, 4, False)):
+        labels = ["a"] * first + ["b"] * second
+        shapes = generator.normal(size=(len(labels), 12, 3))
+        shapes[:first] += 100.0
+        test = mode_test(shapes, group_design(labels, ["a", "b"]), permutations=999)
+        assert any(warning.startswith("Too few subjects") for warning in test.warnings) == few
+        assert (test.whole.p > 0.05) == few
+    pairs = mode_test(generator.normal(size=(5, 12, 3)) + 100.0, paired_design(5), permutations=999)
+    assert "16 distinct arrangements" in pairs.warnings[0]
 
 
 def test_counted_p_counts_ties_and_the_observed_labels():
