@@ -6,14 +6,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from homolog.errors import InputError
 from homolog.geodesics.kernels import local_solver
 from homolog.geodesics.kernels.lookup import LANES, MISSING
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.sides import MeshSides, batches
-from homolog.surfaces.topology import check_arrays
+from homolog.surfaces.topology import check_surface, edges
 from homolog.threads import cores, in_threads
 
 __all__ = ["TablePlan", "Task", "block_rows", "plan_tables", "table_bytes"]
@@ -97,11 +98,12 @@ def plan_tables(
     """
     labels = [f"mesh {k + 1}" for k in range(len(meshes))] if names is None else names
     limits = np.broadcast_to(np.asarray(d_max, float), len(meshes)).tolist()
-    tasks: list[Task] = []
-    for batch in batches(len(meshes)):
-        for task in _tasks(labels[batch], meshes[batch], limits[batch]):
-            tick(0.0, f"mesh of {task.name} checked")
-            tasks.append(task)
+    tasks = []
+    for task in in_threads(
+        lambda given: _task(*given), list(zip(labels, meshes, limits, strict=True)), cores()
+    ):
+        tick(0.0, f"mesh of {task.name} checked")
+        tasks.append(task)
     nbytes = sum(table_bytes(task) for task in tasks)
     if memory_limit is not None and nbytes > memory_limit:
         raise InputError(
@@ -111,24 +113,24 @@ def plan_tables(
     return TablePlan(tuple(tasks), nbytes)
 
 
-def _tasks(names: Sequence[str], meshes: Sequence[TriangleMesh], limits: Sequence[float]) -> list[Task]:
-    """Check meshes, and bound their distances if d_max exceeds the diagonal of the bounding box."""
-    for name, mesh, d_max in zip(names, meshes, limits, strict=True):
-        check_arrays(mesh, name)
-        if not d_max > 0.0:
-            raise InputError(f"{name}: d_max is {d_max}; geodesic distances need a positive length in mm")
-    sides = MeshSides.of(meshes)
-    sides.check(names)
+def _task(name: str, mesh: TriangleMesh, d_max: float) -> Task:
+    """Check a mesh, and bound its distances if d_max exceeds the diagonal of the bounding box."""
+    if not d_max > 0.0:
+        raise InputError(f"{name}: d_max is {d_max}; geodesic distances need a positive length in mm")
+    check_surface(mesh, name)
+    is_short = d_max < float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    bound = d_max if is_short else min(d_max, 2.0 * _reach(mesh))
+    return Task(name, mesh, d_max, bound, mesh.mean_edge, mesh.area)
 
-    def lengths(mesh: TriangleMesh) -> tuple[float, float]:
-        return mesh.mean_edge, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
 
-    edges, diagonals = zip(*in_threads(lengths, meshes, cores()), strict=True)
-    is_short = np.less(limits, diagonals)
-    longest = np.where(is_short, np.inf, np.inf if is_short.all() else 2.0 * sides.reach())
-    bounds = np.minimum(limits, longest).tolist()
-    areas = sides.areas().tolist()
-    return [Task(*parts) for parts in zip(names, meshes, limits, bounds, edges, areas, strict=True)]
+def _reach(mesh: TriangleMesh) -> float:
+    """Return the largest distance along edges from the first vertex of a piece [mm]."""
+    ends = edges(mesh.faces)
+    lengths = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
+    graph = coo_array((lengths, tuple(ends.T)), shape=(len(mesh.vertices),) * 2).tocsr()
+    pieces = connected_components(graph, directed=False)[1]
+    firsts = np.unique(pieces, return_index=True)[1]
+    return float(dijkstra(graph, directed=False, indices=firsts, min_only=True).max())
 
 
 def block_rows(task: Task) -> int:

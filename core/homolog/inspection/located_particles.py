@@ -25,7 +25,7 @@ from homolog.geodesics.kernels.lookup import SurfacePoint
 from homolog.geometry import transform_points
 from homolog.inspection import kernels
 from homolog.progress import Tick, no_tick, part_of
-from homolog.surfaces.closest import on_device
+from homolog.surfaces.closest import closest_faces
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import nearest_faces
 from homolog.surfaces.simplify import simplified
@@ -226,17 +226,12 @@ def _locate(points: FloatArray, mesh: TriangleMesh, spacing: float, name: str, t
 
 def closest_points_on(mesh: TriangleMesh, points: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return normals (n, 3) and faces (n,) of a mesh at the closest points, and the distances (n,) [mm]."""
-    reach = float(np.ptp(np.concatenate([mesh.vertices, points]), axis=0).sum())
-    with wp.ScopedDevice("cpu"):
-        surface, middle = on_device(mesh)
-        own = wp.array(mesh.vertex_normals.astype(np.float32), dtype=wp.vec3)
-        located = wp.array((points - middle).astype(np.float32), dtype=wp.vec3)
-        normals = wp.zeros(len(points), dtype=wp.vec3)
-        faces, away = wp.zeros(len(points), dtype=int), wp.zeros(len(points), dtype=float)
-        wp.launch(
-            kernels.closest_points_on, len(points), [surface.id, reach, located, own, normals, faces, away]
-        )
-    return normals.numpy().astype(np.float64), faces.numpy().astype(np.int64), away.numpy().astype(np.float64)
+    faces, weights = closest_faces(mesh, points)
+    corners = mesh.faces[faces]
+    normals = np.einsum("nk,nki->ni", weights, mesh.vertex_normals[corners])
+    away = points - np.einsum("nk,nki->ni", weights, mesh.vertices[corners])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    return normals, faces, np.linalg.norm(away, axis=1)
 
 
 def mean_normals(normals: FloatArray) -> FloatArray:

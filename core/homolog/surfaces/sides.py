@@ -1,4 +1,4 @@
-"""The sides of many meshes, paired and checked by compiled code on all cores."""
+"""The sides of many meshes, paired by compiled code on all cores."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.arrays import BoolArray, IntArray
 from homolog.device import launch_on_cores, shared
 from homolog.surfaces.kernels import sides as kernels
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import FLATTEST, check_surface, may_have_twins
 from homolog.threads import cores
 
 __all__ = ["MeshSides", "batches"]
@@ -72,34 +71,6 @@ class MeshSides:
         for name in ("first_vertex", "first_face", "tail", "twin", "start", "leaving"):
             setattr(sides, name, shared(getattr(self, name)))
         return sides
-
-    def check(self, names: Sequence[str]) -> None:
-        """Raise InputError unless all meshes pass `check_surface`.
-
-        Meshes that fail the compiled checks are passed to `check_surface`, which reports the fault.
-        """
-        is_sound = self.is_paired.copy()
-        inputs = [self.for_kernels(), self.positions(), 2.0 * FLATTEST, shared(is_sound)]
-        launch_on_cores(kernels.check_meshes, len(self.meshes), inputs)
-        for mesh, name, sound in zip(self.meshes, names, is_sound, strict=True):
-            if not sound or may_have_twins(mesh.vertices):
-                check_surface(mesh, name)
-
-    def areas(self) -> FloatArray:
-        """Return the area of each mesh, (S,) [mm²]; only the order of the sum differs from `TriangleMesh`."""
-        result = np.zeros(len(self.meshes))
-        inputs = [self.for_kernels(), self.positions(), shared(result)]
-        launch_on_cores(kernels.measure_areas, len(self.meshes), inputs)
-        return result
-
-    def reach(self) -> FloatArray:
-        """Return the largest distance along edges from the first vertex of a piece, by mesh, (S,) [mm]."""
-        n = int(self.first_vertex[-1])
-        result = np.zeros(len(self.meshes))
-        scratch = [shared(item) for item in (*np.empty((2, n), np.int32), np.empty(n), result)]
-        inputs = [self.for_kernels(), self.positions(), *scratch]
-        launch_on_cores(kernels.find_reach, len(self.meshes), inputs)
-        return result
 
     def positions(self) -> Any:  # noqa: ANN401 - a wp.array
         """Return the vertices of all meshes, (N,) vec3d, for kernels on the CPU."""

@@ -10,7 +10,6 @@ from homolog.errors import InputError
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
-    "check_arrays",
     "check_mesh",
     "check_surface",
     "edges",
@@ -120,12 +119,6 @@ def check_surface(mesh: TriangleMesh, name: str) -> None:
         With the first fault found and the remedy.
     """
     if fault := surface_fault(mesh):
-        raise InputError(f"{name}: the mesh {fault}")
-
-
-def check_arrays(mesh: TriangleMesh, name: str) -> None:
-    """Raise InputError unless the arrays of a mesh have the right shapes, and faces refer to its vertices."""
-    if fault := _array_fault(mesh):
         raise InputError(f"{name}: the mesh {fault}")
 
 
