@@ -32,6 +32,8 @@ __all__ = [
 
 OWN = "grooming"
 """Column of the cohort's table, case-insensitive: see `OwnGrooming`."""
+FEWEST, MOST = 4, 65536
+"""Particles of a structure."""
 
 
 class Method(StrEnum):
@@ -152,6 +154,49 @@ def _structures(value: str | None) -> str | None:
     return value
 
 
+def _pairs(value: str, sign: str) -> dict[str, str]:
+    """Return what a text such as ``femur=512,patella=128`` says, by what comes before the sign."""
+    pairs = (item.partition(sign) for item in value.split(",") if item.strip())
+    return {name.strip(): text.strip() for name, _, text in pairs}
+
+
+def _counts(value: str | None) -> str | None:
+    """Refuse a text that does not give structures their numbers of particles."""
+    given = _pairs(value or "", "=").values()
+    if not all(count.isdecimal() and FEWEST <= int(count) <= MOST for count in given):
+        expected = f"must give structures {FEWEST} to {MOST} particles, such as femur=512,patella=128"
+        raise PydanticCustomError("form", "{expected}", {"expected": expected})
+    return value
+
+
+def _grooming(value: str | None) -> str | None:
+    """Refuse a text that does not give structures settings of grooming."""
+    try:
+        _own_grooming(value)
+    except (ValidationError, InputError) as error:
+        expected = (
+            f"must give structures settings of grooming ({', '.join(_OF_STRUCTURES)}), such as "
+            "patella:smoothing=0.5,cartilage:openings=open"
+        )
+        raise PydanticCustomError("form", "{expected}", {"expected": expected}) from error
+    return value
+
+
+def _own_grooming(value: str | None) -> "dict[str, OwnGrooming]":
+    """Return the settings of structures, by name: ``patella:smoothing=0.5,patella:pieces=all``."""
+    fields: dict[str, dict[str, str]] = {}
+    for item in filter(None, map(str.strip, (value or "").split(","))):
+        name, _, setting = item.partition(":")
+        key, _, chosen = setting.partition("=")
+        if key.strip() not in _OF_STRUCTURES:
+            raise InputError(f"{item}: is not a setting of a structure")
+        fields.setdefault(name.strip(), {})[key.strip()] = chosen.strip()
+    own = {name: OwnGrooming.model_validate(texts) for name, texts in fields.items()}
+    for given in own.values():
+        given.applied(GroomSettings())
+    return own
+
+
 def _named_sources(text: str) -> list[tuple[str, str]]:
     """Return names of structures and where they come from: ``femur,wall=2+3``."""
     pairs = (item.partition("=") for item in text.split(","))
@@ -189,6 +234,16 @@ class GroomSettings(_Settings):
             "labels, or numbers of labels. NAME=2+3 joins labels under a name.",
         ),
         AfterValidator(_structures),
+    ] = None
+    structure_grooming: Annotated[
+        str | None,
+        Field(
+            max_length=2000,
+            json_schema_extra=_shown(if_none="none"),
+            description="Settings of grooming that differ for a structure, such as "
+            "patella:smoothing=0.5,cartilage:openings=open.",
+        ),
+        AfterValidator(_grooming),
     ] = None
     values: Annotated[
         Values | None,
@@ -269,13 +324,17 @@ class GroomSettings(_Settings):
     @property
     def of_structures(self) -> dict[str, "GroomSettings"]:
         """The settings of each of several structures alone, by its name; empty for one structure."""
+        own = _own_grooming(self.structure_grooming)
         return {
-            name: self.model_copy(
-                update={
-                    "structures": None,
-                    "label": int(source) if source.isdecimal() else None,
-                    "segment": None if source.isdecimal() else source,
-                }
+            name: own.get(name, OwnGrooming()).applied(
+                self.model_copy(
+                    update={
+                        "structures": None,
+                        "structure_grooming": None,
+                        "label": int(source) if source.isdecimal() else None,
+                        "segment": None if source.isdecimal() else source,
+                    }
+                )
             )
             for name, source in _named_sources(self.structures or "")
             if name
@@ -351,6 +410,10 @@ class OwnGrooming(_Settings):
         return GroomSettings.model_validate(settings.model_dump() | own) if own else settings
 
 
+_OF_STRUCTURES = ("values", "pieces", "openings", "spacing", "smoothing", "tunnels")
+"""Settings of `OwnGrooming` that a structure may have."""
+
+
 class OptimizeSettings(_Settings):
     """Optimization."""
 
@@ -361,8 +424,18 @@ class OptimizeSettings(_Settings):
         ),
     ] = Method.GEODESIC_NORMALS
     particles: Annotated[
-        int, Field(ge=4, le=65536, description="Number of corresponding points on every shape.")
+        int, Field(ge=FEWEST, le=MOST, description="Number of corresponding points on every shape.")
     ] = 1024
+    structure_particles: Annotated[
+        str | None,
+        Field(
+            max_length=2000,
+            json_schema_extra=_shown(if_none="all alike"),
+            description="Numbers of particles of structures that have more or fewer, such as "
+            "femur=512,patella=128.",
+        ),
+        AfterValidator(_counts),
+    ] = None
     align_by: Annotated[
         str | None,
         Field(
@@ -533,11 +606,36 @@ class RunSettings(_Settings):
     @property
     def of_structures(self) -> dict[str, "RunSettings"]:
         """The settings of each of several structures alone, by its name; empty for one structure."""
-        optimize = self.optimize.model_copy(update={"align_by": None})
+        counts = _pairs(self.optimize.structure_particles or "", "=")
+        alone = {"align_by": None, "structure_particles": None, "core_set": None, "landmarks": False}
         return {
-            name: self.model_copy(update={"groom": groom, "optimize": optimize})
+            name: self.model_copy(
+                update={
+                    "groom": groom,
+                    "optimize": self.optimize.model_copy(
+                        update=alone | {"particles": int(counts.get(name, self.optimize.particles))}
+                    ),
+                }
+            )
             for name, groom in self.groom.of_structures.items()
         }
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Number of particles of each structure."""
+        several = self.of_structures.values()
+        return tuple(own.optimize.particles for own in several) or (self.optimize.particles,)
+
+    @property
+    def unknown_structures(self) -> list[str]:
+        """Names of structures that have settings but are not modelled."""
+        known = self.groom.of_structures
+        given = [
+            *([self.optimize.align_by] if self.optimize.align_by else []),
+            *_pairs(self.optimize.structure_particles or "", "="),
+            *_own_grooming(self.groom.structure_grooming),
+        ]
+        return [name for name in dict.fromkeys(given) if name not in known]
 
     @property
     def placing(self) -> OptimizeSettings:

@@ -234,54 +234,63 @@ def run_check(arguments: argparse.Namespace) -> int:
     project.recover()
     with show_progress(arguments.progress) as progress:
         share = 0.2 if arguments.repair else 1.0
-        result, inspection = inspect_project(
-            project, part_of(progress.tick, 0.0, share), workers=arguments.workers
-        )
+        inspections = inspect_project(project, part_of(progress.tick, 0.0, share), workers=arguments.workers)
         notes: list[str] = []
         if arguments.repair:
-            rest = part_of(progress.tick, share, 1.0)
-            inspection, notes = _repair(project, result, inspection, arguments.repair, rest)
-            result = read_result(project)
-        verdict = read_verdict(project, result.world)
-    table = rows(
-        inspection,
-        [suspect for suspect in inspection.suspects if suspect.severity >= arguments.min_severity],
-        result.names,
-    )
+            notes = _repair(project, inspections, arguments.repair, part_of(progress.tick, share, 1.0))
+        result = read_result(project)
+        verdicts = [read_verdict(project, result.world).line]
+        for name in filter(None, inspections):
+            own = project.structure(name)
+            verdicts.append(f"{name}: {read_verdict(own, read_result(own).world).line}")
+    tables = {
+        name: rows(
+            inspection,
+            [suspect for suspect in inspection.suspects if suspect.severity >= arguments.min_severity],
+            own.names,
+        )
+        for name, (own, inspection) in inspections.items()
+    }
     if arguments.out is not None:
-        write_suspects(arguments.out, table)
+        write_suspects(arguments.out, tables)
     lines = [
-        f"{severity:6.2f}  {kind:<22} {name}: {description}"
-        for kind, name, severity, *_, description in table
+        f"{severity:6.2f}  {kind:<22} {' '.join(filter(None, (subject, name)))}: {description}"
+        for name, table in tables.items()
+        for kind, subject, severity, *_, description in table
     ]
-    suspects = "1 suspect" if len(table) == 1 else f"{len(table)} suspects"
+    suspects = "1 suspect" if len(lines) == 1 else f"{len(lines)} suspects"
     ending = f"{suspects} of {len(result.names)} subjects x {result.local.shape[1]} particles"
-    write_lines(verdict.line, *notes, *lines, ending, aside=arguments.progress == "json")
+    write_lines(*verdicts, *notes, *lines, ending, aside=arguments.progress == "json")
     return 0
 
 
 def _repair(
-    project: ProjectFolder, result: "Result", inspection: "Inspection", count: int, tick: "Tick"
-) -> "tuple[Inspection, list[str]]":
-    """Repair the most severe suspects one by one, and keep improvements."""
+    project: ProjectFolder, inspections: "dict[str, tuple[Result, Inspection]]", count: int, tick: "Tick"
+) -> list[str]:
+    """Repair the most severe suspects one by one, keep what improves, and return what happened."""
     from homolog.progress import part_of
     from homolog.run.repair import repaired, write_repaired
 
-    chosen = inspection.suspects[:count]
+    suspects = [(name, item) for name, (_, inspection) in inspections.items() for item in inspection.suspects]
+    chosen = sorted(suspects, key=lambda pair: -pair[1].severity)[:count]
     lines: list[str] = []
     notes: dict[str, str] = {}
-    for number, suspect in enumerate(chosen):
+    for number, (structure, suspect) in enumerate(chosen):
         part = part_of(tick, 0.9 * number / len(chosen), 0.9 * (number + 1) / len(chosen))
-        after = repaired(project, inspection, suspect, part)
+        result, inspection = inspections[structure]
+        own = project.structure(structure) if structure else project
+        after = repaired(own, inspection, suspect, part)
         name = result.names[suspect.subject]
         better = after is not inspection
-        lines.append(f"{'repaired' if better else 'unchanged'}: {name}: {suspect.description}")
+        what = " ".join(filter(None, (name, structure)))
+        lines.append(f"{'repaired' if better else 'unchanged'}: {what}: {suspect.description}")
         if better:
-            inspection = after
+            inspections[structure] = result, after
             notes[name] = "particles of suspects were optimized again"
     if notes:
-        write_repaired(project, inspection.located.local, notes, part_of(tick, 0.9, 1.0))
-    return inspection, lines
+        local = {name: inspection.located.local for name, (_, inspection) in inspections.items()}
+        write_repaired(project, local, notes, part_of(tick, 0.9, 1.0))
+    return lines
 
 
 @command(

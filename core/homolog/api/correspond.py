@@ -15,24 +15,24 @@ from typing import Any, Literal, TypedDict, Unpack
 import numpy as np
 from pydantic import ValidationError
 
-from homolog.api.inputs import cohort_of
+from homolog.api.inputs import by_structure, cohort_of
 from homolog.api.mean_shape import HasMeanShape, MeanShape
 from homolog.api.project import Project
 from homolog.arrays import FloatArray, frozen
-from homolog.cohort import Cohort
+from homolog.cohort import Cohort, Subject
 from homolog.correspondence import Reason
 from homolog.device import choose_device
 from homolog.errors import InputError
 from homolog.grooming import GroomedSubject, Reading, check_cohort, groom_cohort
 from homolog.grooming.cache import content_key, save_groomed
-from homolog.inspection.verdict import Verdict, judge
+from homolog.inspection.verdict import Verdict, judge, worst_of
 from homolog.io.atomic import report_os_errors
 from homolog.io.names import file_stems
 from homolog.io.project import ProjectFolder
 from homolog.io.records import note_lines
 from homolog.io.results import surface_file
 from homolog.parameters import fault_text
-from homolog.progress import no_tick, tick_of
+from homolog.progress import no_tick, part_of, tick_of
 from homolog.registration import check_sides
 from homolog.run.choose_core import outline
 from homolog.run.control import Control
@@ -40,6 +40,7 @@ from homolog.run.events import FinishReason, Phase
 from homolog.run.grow import grow
 from homolog.run.result import OptimizationOutcome, model_of, write_result
 from homolog.run.steps import prepare_inputs, run_optimization
+from homolog.run.structures import prepare_joint_inputs
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog.statistics.reconstruction import MeanSurface
 from homolog.statistics.shape_model import ShapeModel
@@ -58,6 +59,7 @@ class Settings(TypedDict, total=False):
     label: int | str | None
     segment: str | None
     structures: str | None
+    structure_grooming: str | None
     values: Literal["labels", "distance", "probability"] | None
     pieces: Literal["largest", "all"]
     spacing: float | None
@@ -70,6 +72,7 @@ class Settings(TypedDict, total=False):
     mesh_edge: float | None
     adaptive_mesh: bool
     method: Literal["geodesic-normals", "geodesic", "normals", "euclidean"]
+    structure_particles: str | None
     align_by: str | None
     random_state: int
     procrustes: Literal["auto", "off", "rigid", "form", "shape"]
@@ -116,6 +119,9 @@ class Correspondence(HasMeanShape):
         Whether the objective converged before the maximum number of iterations.
     notes : tuple of str
         Findings and changes, one line for each kind.
+    structures : mapping of str to Correspondence
+        Of several structures, each on its own, aligned with its like, by name: of all subjects that have it.
+        The particles of all, one after another, are those of the subjects that have all. Empty for one.
     """
 
     names: tuple[str, ...]
@@ -129,8 +135,14 @@ class Correspondence(HasMeanShape):
     iterations: int
     converged: bool
     notes: tuple[str, ...]
+    structures: Mapping[str, Correspondence] = field(repr=False)
     _outcome: OptimizationOutcome = field(repr=False)
-    _keys: Mapping[str, str] = field(repr=False)
+    _keys: Mapping[str, Mapping[str, str]] = field(repr=False)
+
+    @property
+    def _own(self) -> Mapping[str, slice]:
+        ends = np.cumsum([item.particles.shape[1] for item in self.structures.values()]).tolist()
+        return dict(zip(self.structures, map(slice, [0, *ends], ends), strict=True))
 
     def __repr__(self) -> str:
         """Return a one-line summary."""
@@ -141,6 +153,8 @@ class Correspondence(HasMeanShape):
     @cached_property
     def verdict(self) -> Verdict:
         """How much of the model is reproducible, and what follows."""
+        if self.structures:
+            return worst_of({name: item.verdict for name, item in self.structures.items()})
         pairs = zip(self.meshes, self.alignments, strict=True)
         placed = [mesh.placed(alignment) for mesh, alignment in pairs]
         return judge(self.aligned, placed, alignments=self.alignments)
@@ -155,7 +169,7 @@ class Correspondence(HasMeanShape):
     @property
     def _mean_shape(self) -> MeanShape:
         model, mean = self._modelled
-        return MeanShape(model.mean_, TriangleMesh(mean.vertices, mean.faces), mean.smoothing)
+        return MeanShape(model.mean_, TriangleMesh(mean.vertices, mean.faces), mean.smoothing, mean.parts)
 
     def save(self, folder: str | PathLike[str]) -> Project:
         """Write a project folder, which the command line and the window open like one of their own.
@@ -177,30 +191,54 @@ class Correspondence(HasMeanShape):
         """
         project = ProjectFolder(Path(folder))
         project.check_is_free()
-        inputs = self._outcome.inputs
-        stems = dict(zip(self.names, file_stems(self.names), strict=True))
-        subjects = [
-            subject
-            if subject.name in self._keys
-            else replace(subject, path=surface_file(project, stems[subject.name]).absolute())
-            for subject in inputs.cohort.subjects
-        ]
-        outcome = replace(
-            self._outcome, inputs=replace(inputs, cohort=Cohort(tuple(subjects), project.folder))
-        )
         with project.locked():
-            with report_os_errors(project.groomed):
-                project.groomed.mkdir(exist_ok=True)
-            for groomed in inputs.groomed:
-                key = self._keys.get(groomed.name) or content_key(groomed.mesh, inputs.settings.groom)
-                save_groomed(project.groomed, groomed, key)
-            write_result(project, outcome, *self._modelled, no_tick)
+            for name, own in self._outcome.parts.items() or [("", self._outcome)]:
+                groomed_here = (project.structure(name) if name else project).groomed
+                with report_os_errors(groomed_here):
+                    groomed_here.mkdir(parents=True, exist_ok=True)
+                for groomed in own.inputs.groomed:
+                    key = content_key(groomed.mesh, own.inputs.settings.groom)
+                    key = self._keys[name].get(groomed.name, key)
+                    save_groomed(groomed_here, groomed, key)
+            write_result(project, self._placed_in(project), *self._modelled, no_tick)
         return Project(project.folder)
+
+    def _placed_in(self, project: ProjectFolder) -> OptimizationOutcome:
+        """Return the outcome with the project's surfaces as files of what is in memory."""
+        files: dict[str, dict[str, Path]] = {}
+        for name, own in self._outcome.parts.items() or [("", self._outcome)]:
+            folder = project.structure(name) if name else project
+            names = [item.name for item in own.inputs.groomed]
+            for subject, stem in zip(names, file_stems(names), strict=True):
+                if subject not in self._keys[name]:
+                    files.setdefault(subject, {})[name] = surface_file(folder, stem).absolute()
+
+        def placed(outcome: OptimizationOutcome) -> OptimizationOutcome:
+            subjects = [
+                replace(
+                    subject,
+                    path=files[subject.name].get("", project.folder.absolute()),
+                    structures={
+                        **subject.structures,
+                        **{name: path for name, path in files[subject.name].items() if name},
+                    },
+                )
+                if subject.name in files
+                else subject
+                for subject in outcome.inputs.cohort.subjects
+            ]
+            inputs = replace(outcome.inputs, cohort=Cohort(tuple(subjects), project.folder))
+            parts = {name: placed(part) for name, part in outcome.parts.items()}
+            return replace(
+                outcome, inputs=replace(inputs, parts={n: p.inputs for n, p in parts.items()}), parts=parts
+            )
+
+        return placed(self._outcome)
 
 
 def correspond(
     shapes: Cohort | str | PathLike[str] | Mapping[str, Any] | Iterable[Any],
-    n_particles: int = 1024,
+    n_particles: int | Mapping[str, int] = 1024,
     *,
     voxel_size: float | Iterable[float] | None = None,
     device: str = "auto",
@@ -222,9 +260,11 @@ def correspond(
         trimesh, pyvista, VTK (``vtkPolyData``, ``vtkUnstructuredGrid``) or meshio, a pair (vertices (V, 3),
         faces (F, 3)) of arrays, an image of SimpleITK or nibabel, a label array (I, J, K) with `voxel_size`,
         or a pair (labels, index_to_world (4, 4)) in LPS. Lengths are in mm; meshes may be open or damaged,
-        and of volume cells the surface is taken.
-    n_particles : int
-        Corresponding points on every shape.
+        and of volume cells the surface is taken. Several structures of each subject are a dict of the
+        structures, each a dict of shapes by subject or a list with an item a subject, as they lie in the
+        body; what a subject lacks is None or missing. A cohort's structures are named by ``structures``.
+    n_particles : int, or dict of str to int
+        Corresponding points on every shape; of several structures, on each one, or by structure.
     voxel_size : float or three floats, optional
         Voxel size of label arrays along their axes [mm].
     device : str
@@ -267,79 +307,151 @@ def correspond(
     >>> import homolog as hl
     >>> result = hl.correspond({"a": mesh_a, "b": mesh_b, "c": mesh_c}, n_particles=512)  # doctest: +SKIP
     >>> model = hl.ShapeModel().fit(result.aligned, names=result.names)  # doctest: +SKIP
+
+    Two bones of each knee together:
+
+    >>> bones = {"femur": {"a": femur_a, "b": femur_b}, "tibia": tibiae}  # doctest: +SKIP
+    >>> knees = hl.correspond(bones, n_particles={"femur": 512, "tibia": 256})  # doctest: +SKIP
+    >>> knees.structures["femur"].aligned, knees.relative_poses("femur").rotations  # doctest: +SKIP
     """
+    given = by_structure(shapes)
+    if given is not None and "structures" in settings:
+        raise InputError("structures: the shapes are given by structure; leave it out")
+    if given is not None:
+        settings["structures"] = ",".join(given)
     chosen = run_settings(dict(settings), n_particles, device, workers)
-    if chosen.groom.structures is not None:
-        raise InputError(
-            f"{chosen.groom.structures}: several structures are modelled together in a project: run it from "
-            "the command line or the window, and open it as Project"
-        )
+    if chosen.unknown_structures:
+        raise InputError(f"{', '.join(chosen.unknown_structures)}: is none of the structures")
     alias = choose_device(device)
-    cohort, sources = cohort_of(shapes, voxel_size, chosen.groom)
-    if len(cohort.subjects) < 2:
-        raise InputError(f"a correspondence needs two or more shapes, not {len(cohort.subjects)}; give more")
+    grooms = chosen.groom.of_structures or {"": chosen.groom}
+    everybody = Cohort((), Path())
+    if given is None:
+        everybody, memory = cohort_of(shapes, voxel_size, chosen.groom)
+        read = {name: (everybody, memory, groom) for name, groom in grooms.items()}
+    else:
+        whole = {"label": None, "segment": None}  # of a structure's own file or array
+        grooms = {name: groom.model_copy(update=whole) for name, groom in grooms.items()}
+        read = {name: (*cohort_of(given[name], voxel_size, groom), groom) for name, groom in grooms.items()}
     control, size = Control(), chosen.optimize.core_set
-    if grows := size is not None and size < len(cohort.subjects):
+    complete = set.intersection(*({item.name for item in own.subjects} for own, _, _ in read.values()))
+    if len(complete) < 2:
+        of_all = " of all structures" if given else ""
+        raise InputError(f"a correspondence needs two or more shapes{of_all}, not {len(complete)}; give more")
+    if grows := size is not None and size < len(complete):
         control.expect_fits()
     if callback is not None:
         tick = tick_of(callback)
         control.observer = lambda status: tick(status.fraction, status.message)
     control.enter(Phase.READING, "reading")
-    readings: dict[str, Reading] = {}
-    keys: dict[str, str] = {}
+    readings: dict[str, dict[str, Reading]] = {name: {} for name in read}
+    keys: dict[str, dict[str, str]] = {name: {} for name in read}
+    share = 1.0 / len(read)
+    ticks = [part_of(control.tick, number * share, (number + 1) * share) for number in range(len(read))]
     with _executor(workers) as executor:
-        if bad := check_cohort(
-            cohort, chosen.groom, control.tick, executor=executor, sources=sources, readings=readings
-        ):
+        bad = [
+            problem
+            for tick, (name, (cohort, sources, groom)) in zip(ticks, read.items(), strict=True)
+            for problem in check_cohort(
+                cohort, groom, tick, executor=executor, sources=sources, readings=readings[name]
+            )
+        ]
+        if bad:
             raise InputError("\n".join(problem.message for problem in bad))
-        check_sides(cohort, chosen.groom)
+        cohorts = {name: cohort for name, (cohort, _, _) in read.items()}
+        if given is not None:
+            everybody = _everybody(cohorts)
+        check_sides(everybody, chosen.groom)
         control.enter(Phase.GROOMING, "grooming")
-        groomed = groom_cohort(
-            cohort,
-            chosen.groom,
-            executor=executor,
-            tick=control.tick,
-            sources=sources,
-            readings=readings,
-            keys=keys,
-        )
+        groomed = {
+            name: groom_cohort(
+                cohort,
+                groom,
+                executor=executor,
+                tick=tick,
+                sources=sources,
+                readings=readings[name],
+                keys=keys[name],
+            )
+            for tick, (name, (cohort, sources, groom)) in zip(ticks, read.items(), strict=True)
+        }
     control.enter(Phase.ALIGNING, "aligning")
     if grows:
-        outcome = _grown(cohort, groomed, chosen, alias, control)
+        outcome = _grown(everybody, groomed, chosen, alias, control)
     else:
-        outcome = run_optimization(prepare_inputs(cohort, groomed, chosen, alias, control.tick), control)
+        inputs = (
+            prepare_inputs(everybody, groomed[""], chosen, alias, control.tick)
+            if "" in groomed
+            else prepare_joint_inputs(everybody, groomed, chosen, alias, control.tick)
+        )
+        outcome = run_optimization(inputs, control)
     control.finish(FinishReason.COMPLETED, "completed")
-    return _correspondence(outcome, {name: key for name, key in keys.items() if name not in sources})
+    known = {
+        name: {key: value for key, value in keys[name].items() if key not in sources}
+        for name, (_, sources, _) in read.items()
+    }
+    return _correspondence(outcome, known)
+
+
+def _everybody(cohorts: Mapping[str, Cohort]) -> Cohort:
+    """Return the subjects of all structures, with the files of each."""
+    subjects: dict[str, Subject] = {}
+    for name, cohort in cohorts.items():
+        for subject in cohort.subjects:
+            known = subjects.setdefault(subject.name, subject)
+            if subject.path != Path(subject.name):
+                files = {**known.structures, name: subject.path}
+                subjects[subject.name] = replace(known, structures=files)
+    return Cohort(tuple(subjects.values()), next(iter(cohorts.values())).folder)
 
 
 def _grown(
-    cohort: Cohort, groomed: Sequence[GroomedSubject], settings: RunSettings, device: str, control: Control
+    cohort: Cohort,
+    groomed: Mapping[str, Sequence[GroomedSubject]],
+    settings: RunSettings,
+    device: str,
+    control: Control,
 ) -> OptimizationOutcome:
     """Optimize a core set and fit the others to it, with surfaces and fits in a temporary folder."""
-    with TemporaryDirectory(prefix="homolog-") as name, report_os_errors(Path(name)):
-        folder = Path(name)
-        for item in groomed:
-            save_groomed(folder, item, item.name)
+    with TemporaryDirectory(prefix="homolog-") as place, report_os_errors(Path(place)):
+        project = ProjectFolder(Path(place))
+        for name, items in groomed.items():
+            folder = (project.structure(name) if name else project).groomed
+            folder.mkdir(parents=True)
+            for item in items:
+                save_groomed(folder, item, item.name)
         outcome = grow(
             cohort,
-            [outline(item) for item in groomed],
+            {name: [outline(item) for item in items] for name, items in groomed.items()},
             settings,
-            (folder, folder / "fits"),
+            project,
             device,
             control,
             lambda inputs: run_optimization(inputs, control),
             in_process=settings.workers == 1,
         )
-        noted = [
-            replace(item, report=other.report)
-            for item, other in zip(groomed, outcome.inputs.groomed, strict=True)
-        ]
-        return replace(
-            outcome, inputs=replace(outcome.inputs, groomed=noted, shapes=list(outcome.inputs.shapes))
-        )
+        return _in_memory(outcome, groomed)
 
 
-def run_settings(given: dict[str, Any], n_particles: int, device: str, workers: int) -> RunSettings:
+def _in_memory(
+    outcome: OptimizationOutcome, groomed: Mapping[str, Sequence[GroomedSubject]], name: str = ""
+) -> OptimizationOutcome:
+    """Return an outcome whose shapes were read from a folder that will be gone."""
+    parts = {part: _in_memory(own, groomed, part) for part, own in outcome.parts.items()}
+    inputs = replace(
+        outcome.inputs,
+        shapes=list(outcome.inputs.shapes),
+        parts={part: own.inputs for part, own in parts.items()},
+    )
+    if not parts:
+        noted = {item.name: item.report for item in inputs.groomed}
+        whole = [replace(item, report=noted[item.name]) for item in groomed[name]]
+        inputs = replace(inputs, groomed=whole)
+    return replace(outcome, inputs=inputs, parts=parts)
+
+
+def run_settings(
+    given: dict[str, Any], n_particles: int | Mapping[str, int], device: str, workers: int
+) -> RunSettings:
     """Return the settings of a run.
 
     Raises
@@ -358,7 +470,7 @@ def run_settings(given: dict[str, Any], n_particles: int, device: str, workers: 
         raise TypeError(f"correspond() got an unexpected keyword argument {unknown[0]!r}")
     values = {
         "groom": {name: given[name] for name in GroomSettings.model_fields if name in given},
-        "optimize": {"particles": n_particles}
+        "optimize": _particles(n_particles, given.get("structures"))
         | {name: given[name] for name in OptimizeSettings.model_fields if name in given},
         "device": device,
         "workers": workers,
@@ -374,12 +486,22 @@ def run_settings(given: dict[str, Any], n_particles: int, device: str, workers: 
         raise InputError("\n".join(lines)) from error
 
 
+def _particles(given: int | Mapping[str, int], structures: str | None) -> dict[str, Any]:
+    """Return the settings of a number of particles, or of one for each structure."""
+    if not isinstance(given, Mapping):
+        return {"particles": given}
+    text = ",".join(f"{name}={count}" for name, count in given.items())
+    if not given or structures is None:
+        raise InputError(f"n_particles={text or given}: there is a single structure; give one number")
+    return {"particles": max(given.values()), "structure_particles": text}
+
+
 def _executor(workers: int) -> AbstractContextManager[Executor]:
     """Return the executor of grooming; one worker is a thread, for which scripts need no guard."""
     return ThreadPoolExecutor(1) if workers == 1 else worker_processes(workers)
 
 
-def _correspondence(outcome: OptimizationOutcome, keys: Mapping[str, str]) -> Correspondence:
+def _correspondence(outcome: OptimizationOutcome, keys: Mapping[str, Mapping[str, str]]) -> Correspondence:
     inputs = outcome.inputs
     subjects = inputs.cohort.subjects
     columns = dict.fromkeys(column for subject in subjects for column in subject.columns)
@@ -397,6 +519,7 @@ def _correspondence(outcome: OptimizationOutcome, keys: Mapping[str, str]) -> Co
         iterations=outcome.iterations,
         converged=outcome.ended == Reason.CONVERGED,
         notes=tuple(note_lines({item.name: item.report.notes for item in inputs.groomed})),
+        structures={name: _correspondence(own, {"": keys[name]}) for name, own in outcome.parts.items()},
         _outcome=outcome,
         _keys=keys,
     )

@@ -18,7 +18,7 @@ from homolog.io.volumes import Volume
 from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["as_mesh", "cohort_of", "column_of", "columns_of"]
+__all__ = ["as_mesh", "by_structure", "cohort_of", "column_of", "columns_of"]
 
 _KINDS = (
     "a path, a TriangleMesh, a mesh of trimesh, pyvista, VTK or meshio, a pair (vertices, faces), an image "
@@ -81,6 +81,32 @@ def cohort_of(
         subjects.append(Subject(name, Path(name)))
         sources[name] = _source(name, shape, voxel_size, settings)
     return Cohort(tuple(subjects), Path()), sources
+
+
+def by_structure(shapes: object) -> dict[str, object] | None:
+    """Return shapes that are given by structure, as names and shapes for `cohort_of`; None if they are not.
+
+    They are a mapping of structures to mappings of subjects to shapes, or to lists with an item a subject;
+    None stands for a structure that a subject lacks.
+    """
+    if not isinstance(shapes, Mapping) or not shapes:
+        return None
+    result: dict[str, object] = {}
+    for name, own in shapes.items():
+        if isinstance(own, Mapping):
+            pairs = {str(key): shape for key, shape in own.items()}
+        elif isinstance(own, list) and not _is_pair(own):
+            pairs = {f"shape_{number}": shape for number, shape in enumerate(own, start=1)}
+        else:
+            return None
+        result[str(name)] = {key: shape for key, shape in pairs.items() if shape is not None}
+    return result
+
+
+def _is_pair(shape: Sequence[object]) -> bool:
+    """Return whether a list is a mesh or an array, and not a list of shapes."""
+    first = shape[0] if shape else ()
+    return isinstance(first, list) or (len(shape) == 2 and isinstance(first, np.ndarray) and first.ndim == 2)
 
 
 def as_mesh(shape: Any) -> TriangleMesh | None:  # noqa: ANN401 - meshes of any library

@@ -12,7 +12,8 @@ from homolog.errors import InputError
 from homolog.statistics.checks import finite_numbers
 from homolog.statistics.design import is_missing, numbers
 from homolog.statistics.procrustes import rms_radii
-from homolog.statistics.reconstruction import warp_surface
+from homolog.statistics.reconstruction import Parts, warp_surface
+from homolog.statistics.relative_pose import RelativePoses, relative_poses
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["HasMeanShape", "MeanShape"]
@@ -31,11 +32,14 @@ class MeanShape:
     smoothing : (N,) float64 array
         Smoothing of the spline that warps the surface, at each particle [mm]; see
         `homolog.statistics.reconstruction.warp_surface`.
+    pieces : sequence of pairs of slices
+        Particles and vertices of each of several structures; empty for a single one.
     """
 
     particles: FloatArray
     surface: TriangleMesh
     smoothing: FloatArray
+    pieces: Parts = ()
 
 
 class HasMeanShape(ABC):
@@ -51,6 +55,11 @@ class HasMeanShape(ABC):
     @property
     @abstractmethod
     def _mean_shape(self) -> MeanShape: ...
+
+    @property
+    @abstractmethod
+    def _own(self) -> Mapping[str, slice]:
+        """The particles of each of several structures, by name; empty for a single one."""
 
     @property
     def sizes(self) -> FloatArray:
@@ -102,8 +111,37 @@ class HasMeanShape(ABC):
         if positions.shape != mean.particles.shape:
             raise InputError(f"particles need the shape {mean.particles.shape}, not {positions.shape}")
         move = positions - mean.particles
-        moved = warp_surface(mean.particles, mean.surface.vertices, move[None], mean.smoothing)[0]
-        return TriangleMesh(mean.surface.vertices + moved, mean.surface.faces)
+        vertices = mean.surface.vertices
+        moved = warp_surface(mean.particles, vertices, move[None], mean.smoothing, mean.pieces)[0]
+        return TriangleMesh(vertices + moved, mean.surface.faces)
+
+    def relative_poses(self, reference: str | None = None) -> RelativePoses:
+        """Return how the structures lie to each other, apart from their shapes.
+
+        Parameters
+        ----------
+        reference : str, optional
+            Structure from which the others are seen; by default the first.
+
+        Raises
+        ------
+        InputError
+            If the model has a single structure, or none of this name.
+
+        Examples
+        --------
+        Test whether the pose of a tibia differs between groups, with the tests for shapes:
+
+        >>> poses = project.relative_poses("femur")  # doctest: +SKIP
+        >>> hl.compare_groups(poses.moved("tibia"), project.groups, alignment="as-it-lies")  # doctest: +SKIP
+        """
+        own = self._own
+        if not own or (reference is not None and reference not in own):
+            listed = ", ".join(own) or "there is a single structure"
+            raise InputError(f"relative poses need another structure than {reference}: {listed}")
+        names = list(own)
+        particles = [self.aligned[:, rows] for rows in own.values()]
+        return relative_poses(particles, names, names.index(reference or names[0]))
 
 
 def _cells(texts: Sequence[str]) -> Sequence[object]:

@@ -7,7 +7,6 @@ from functools import cached_property
 from os import PathLike
 from pathlib import Path
 
-import numpy as np
 from pydantic import ValidationError
 
 from homolog.api.mean_shape import HasMeanShape, MeanShape
@@ -20,7 +19,6 @@ from homolog.io.report_details import Axes, ReportDetails, read_details, write_d
 from homolog.io.results import read_result, read_surface
 from homolog.parameters import fault_text
 from homolog.settings import RunSettings
-from homolog.statistics.relative_pose import RelativePoses, relative_poses
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Project"]
@@ -87,6 +85,7 @@ class Project(HasMeanShape):
         self.converged = self._record.ended == "converged"
         self.notes = tuple(filter(None, [self._record.mirrored_text, *self._record.remarks]))
         self._mean_surface, self._smoothing = result.mean_surface, result.smoothing
+        self._pieces = {part.name: (part.particles, part.vertices) for part in result.parts}
 
     def __repr__(self) -> str:
         """Return a one-line summary."""
@@ -96,39 +95,11 @@ class Project(HasMeanShape):
     @property
     def structures(self) -> dict[str, Project]:
         """Of a model of several structures, the project of each alone, by name; empty for a single one."""
-        return {
-            item.name: Project(self._folder.structure(item.name).folder) for item in self._record.structures
-        }
+        return {name: Project(self._folder.structure(name).folder) for name in self._pieces}
 
-    def relative_poses(self, reference: str | None = None) -> RelativePoses:
-        """Return how the structures lie to each other, apart from their shapes.
-
-        Parameters
-        ----------
-        reference : str, optional
-            Structure from which the others are seen; by default the first.
-
-        Raises
-        ------
-        InputError
-            If the model has a single structure, or none of this name.
-
-        Examples
-        --------
-        Test whether the pose of a tibia differs between groups, with the tests for shapes:
-
-        >>> poses = project.relative_poses("femur")  # doctest: +SKIP
-        >>> hl.compare_groups(poses.moved("tibia"), project.groups, alignment="as-it-lies")  # doctest: +SKIP
-        """
-        names = [item.name for item in self._record.structures]
-        if not names or (reference is not None and reference not in names):
-            listed = ", ".join(names) or "there is a single structure"
-            raise InputError(
-                f"{self.folder}: relative poses need another structure than {reference}: {listed}"
-            )
-        ends = np.cumsum([item.particles for item in self._record.structures])[:-1]
-        own = np.split(self.aligned, ends, axis=1)
-        return relative_poses(own, names, names.index(reference or names[0]))
+    @property
+    def _own(self) -> Mapping[str, slice]:
+        return {name: particles for name, (particles, _) in self._pieces.items()}
 
     @property
     def details(self) -> ReportDetails:
@@ -198,4 +169,5 @@ class Project(HasMeanShape):
 
     @cached_property
     def _mean_shape(self) -> MeanShape:
-        return MeanShape(self.aligned.mean(axis=0), self._mean_surface, self._smoothing)
+        pieces = tuple(self._pieces.values())
+        return MeanShape(self.aligned.mean(axis=0), self._mean_surface, self._smoothing, pieces)

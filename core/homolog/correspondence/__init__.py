@@ -1,7 +1,8 @@
 """Particles and the entropies that place them (the paper's Eq. 1-6)."""
 
+from homolog.correspondence.joint import StructureShapes
 from homolog.correspondence.launcher import load_kernels
-from homolog.correspondence.optimizer import optimize
+from homolog.correspondence.optimizer import optimize, optimize_jointly
 from homolog.correspondence.refit import initialize_fit, repair
 from homolog.correspondence.types import (
     Checkpoint,
@@ -23,8 +24,10 @@ __all__ = [
     "Reason",
     "Shape",
     "Stage",
+    "StructureShapes",
     "initialize_fit",
     "load_kernels",
     "optimize",
+    "optimize_jointly",
     "repair",
 ]

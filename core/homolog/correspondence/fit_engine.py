@@ -71,7 +71,7 @@ class EnsembleCoupling(HostCoupling):
         a, p, ensemble = self._regularization, self._step, self._ensemble
         modes = ensemble.position_modes.reshape(-1, *self.normals.shape)
         modes = modes - np.einsum("rni,ni->rn", modes, self.normals)[..., None] * self.normals
-        modes = modes.reshape(len(modes), -1)
+        modes = modes.reshape(len(modes), 3 * self.count)
         inverse_weights = (1.0 + a / ensemble.position_variances) * (a + p) / p
         inner = np.diag(inverse_weights) - modes @ modes.T
         explained = np.linalg.solve(inner, modes @ step) @ modes

@@ -1,55 +1,107 @@
 """Several structures of each subject, optimized together.
 
-Each structure has its own surfaces, unit of length, poses, sampling, normals and coherence, as if it were
-modelled alone: how two bones lie to each other must not decide where on a bone a particle goes. The
+Each structure has its own surfaces, particles, unit of length, poses, sampling, normals and coherence, as if
+it were modelled alone: how two bones lie to each other must not decide where on a bone a particle goes. The
 structures have H(Z) in common, whose covariance is the mean over the particles of all. They move by turns,
-each with the newest covariances of the others (block descent of the common objective).
+each with the newest covariances of the others (block descent of the common objective). A structure that a
+subject lacks counts as its mean there; the subject takes part with those that it has.
 """
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from homolog.arrays import FloatArray
+from homolog.arrays import FloatArray, IntArray
 from homolog.correspondence.engine import Engine, Particles
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.loop import OptimizationLoop
 from homolog.correspondence.recorder import CheckpointCallback, RunRecorder
 from homolog.correspondence.schedule import Weights
 from homolog.correspondence.start import Start
-from homolog.correspondence.types import Checkpoint, FrameCallback, OptimizedParticles, Reason, Stage
+from homolog.correspondence.types import (
+    Checkpoint,
+    FrameCallback,
+    InitialParticles,
+    OptimizedParticles,
+    Reason,
+    Shape,
+    Stage,
+)
 from homolog.errors import Cancelled, InputError
 from homolog.geometry import rotation_of, transform_points
 from homolog.progress import Tick, part_of
 from homolog.registration.entropy import covariance
 from homolog.registration.procrustes import alignments_of_particles
-from homolog.settings import Procrustes
+from homolog.settings import OptimizeSettings, Procrustes
 from homolog.surfaces.mirroring import MIRROR, mirrors
 
-__all__ = ["JointLoop", "joined"]
+__all__ = ["JointLoop", "StructureShapes", "joined"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StructureShapes:
+    """One structure of several.
+
+    Attributes
+    ----------
+    shapes : sequence of Shape
+        Of the subjects that have it, under the subjects' names.
+    settings : OptimizeSettings
+        Those of all structures but for the number of particles.
+    initial : InitialParticles or None
+        Particles of an earlier result on these shapes.
+    """
+
+    shapes: Sequence[Shape]
+    settings: OptimizeSettings
+    initial: InitialParticles | None = None
+
+    @property
+    def present(self) -> int | None:
+        """Number of the initial particles."""
+        return None if self.initial is None else self.initial.local.shape[1]
 
 
 class JointEngine(Engine):
-    """The engines of all structures as one, for the loop over stages."""
+    """The engines of all structures as one, for the loop over stages.
 
-    def __init__(self, loops: Sequence[OptimizationLoop], alignments: FloatArray) -> None:
-        self._loops, self.alignments = loops, alignments @ _images(alignments)
-        self.poses = np.tile(np.eye(4), (len(alignments), 1, 1))
+    Attributes
+    ----------
+    subjects : int
+        How many have one of the structures at least.
+    places : list of (M,) int arrays
+        Which of these the subjects of each structure are.
+    """
+
+    def __init__(
+        self, loops: Sequence[OptimizationLoop], rows: Sequence[IntArray], whole: FloatArray
+    ) -> None:
+        self._loops, self._rows, self.alignments = loops, rows, whole @ _images(whole)
+        self.poses = np.tile(np.eye(4), (len(whole), 1, 1))
+        everybody = list(dict.fromkeys(name for loop in loops for name in loop.cohort.names))
+        self.places = [np.array([everybody.index(name) for name in loop.cohort.names]) for loop in loops]
+        self.subjects = len(everybody)
 
     @property
     def _engines(self) -> list[Engine]:
         return [loop.engine for loop in self._loops]
 
     @property
-    def count(self) -> int:
+    def counts(self) -> tuple[int, ...]:  # type: ignore[override] # read-only, as the engines change
         """Particles of each structure."""
-        return int(self._engines[0].count)
+        return tuple(int(engine.count) for engine in self._engines)
+
+    @property
+    def count(self) -> int:
+        """Particles of the structure that has most."""
+        return max(self.counts)
 
     def aligned_positions(self) -> FloatArray:
-        """Return the particles of all structures as the subjects are aligned, (M, S n, 3) [mm]."""
-        local = np.concatenate([loop.local_positions() for loop in self._loops], axis=1)
+        """Return the particles of all structures as the subjects are aligned, (M, N, 3) [mm]."""
+        pairs = zip(self._loops, self._rows, strict=True)
+        local = np.concatenate([loop.local_positions()[rows] for loop, rows in pairs], axis=1)
         return transform_points(self.alignments, local)
 
     def start_stage(self, weights: Sequence[Weights], done: int = 0) -> None:
@@ -60,29 +112,22 @@ class JointEngine(Engine):
     def iterate(self, times: int = LIST_ITERATIONS) -> None:
         """Move the particles of each structure `times` times, by turns."""
         engines = self._engines
-        covariances = np.stack([_covariance(engine) for engine in engines])
-        share = 1.0 / len(engines)  # of each structure; all have as many particles
+        shares = np.array(self.counts) / sum(self.counts)
+        own = [np.ix_(places, places) for places in self.places]
+        covariances = np.zeros((len(engines), self.subjects, self.subjects))
         for number, engine in enumerate(engines):
-            engine.coupling.join(share * (covariances.sum(axis=0) - covariances[number]), share)
+            covariances[number][own[number]] = shares[number] * _covariance(engine)
+        for number, engine in enumerate(engines):
+            others = covariances.sum(axis=0) - covariances[number]
+            engine.coupling.join(others[own[number]], float(shares[number]))
             engine.iterate(times)
-            covariances[number] = _covariance(engine)
+            covariances[number][own[number]] = shares[number] * _covariance(engine)
 
     def energy(self, coherence: float = 0.0) -> FloatArray:
         """Return H(P), H(Z) and H(V) of the last iteration, per particle and shape, (3,)."""
-        return np.asarray(np.mean([engine.energy(coherence) for engine in self._engines], axis=0))
-
-    def particles(self) -> Particles:
-        """Return a copy of the state, the structures one after another."""
-        parts = [engine.particles() for engine in self._engines]
-        positions, widths, faces = (
-            np.concatenate([getattr(item, name) for item in parts], axis=1)
-            for name in ("positions", "widths", "faces")
-        )
-        means = np.concatenate([item.means for item in parts])
-        neighbours, coefficients = zip(*(item.neighbourhoods for item in parts), strict=True)
-        return Particles(
-            positions, widths, means, faces, (np.concatenate(neighbours), np.concatenate(coefficients))
-        )
+        engines = self._engines
+        sizes = [engine.count * engine.shapes for engine in engines]
+        return np.asarray(np.average([engine.energy(coherence) for engine in engines], axis=0, weights=sizes))
 
 
 def _images(alignments: FloatArray) -> FloatArray:
@@ -96,43 +141,54 @@ def _covariance(engine: Engine) -> FloatArray:
 
 
 class JointLoop(OptimizationLoop):
-    """The loop over stages and iterations for S structures, each of which has its own loop.
+    """The loop over stages and iterations for several structures, each of which has its own loop.
 
     Parameters
     ----------
-    loops : sequence of S OptimizationLoop
-        Of the same stages.
-    alignments : (M, 4, 4) array
-        Of the whole subjects, from file to world coordinates.
-    tick, observe, on_checkpoint
+    loops : sequence of OptimizationLoop
+        Of the same stages but for the numbers of particles.
+    shapes : sequence of M Shape
+        The subjects that have all structures.
+    observe, on_checkpoint
         As in `homolog.correspondence.optimize`.
+
+    Attributes
+    ----------
+    rows : list of (M,) int arrays
+        Places of these subjects among those of each structure.
     """
+
+    engine: JointEngine
 
     def __init__(
         self,
         loops: Sequence[OptimizationLoop],
-        alignments: FloatArray,
-        tick: Tick,
+        shapes: Sequence[Shape],
         observe: FrameCallback | None = None,
         on_checkpoint: CheckpointCallback | None = None,
     ) -> None:
-        first = loops[0]
-        self.loops, self.alignments = loops, alignments
-        self.cohort, self.settings, self.stages = first.cohort, first.settings, first.stages
-        self.shares, self.tick, self.tolerance = first.shares, tick, first.tolerance
-        self.shapes, self.initial_tick = first.shapes, first.initial_tick
-        self.launcher, self.initial = first.launcher, first.initial
-        self.log = RunRecorder(alignments, None, 1.0, observe, on_checkpoint)
-        self.log.tangential_weight = first.log.tangential_weight
+        most = max(loops, key=lambda loop: loop.settings.particles)
+        self.loops, self.alignments = loops, np.stack([shape.alignment for shape in shapes])
+        self.rows = [np.array([loop.cohort.names.index(shape.name) for shape in shapes]) for loop in loops]
+        self.cohort, self.settings = most.cohort, most.settings
+        self.stages, self.levels = most.stages, most.levels
+        sizes = [loop.settings.particles * len(loop.cohort.names) for loop in loops]
+        self.shares, self.tick = most.shares, most.tick
+        self.tolerance = float(np.average([loop.tolerance for loop in loops], weights=sizes))
+        self.shapes, self.initial_tick = shapes, most.initial_tick
+        self.launcher, self.initial = most.launcher, most.initial
+        self.log = RunRecorder(self.alignments, None, 1.0, observe, on_checkpoint)
+        self.log.tangential_weight = most.log.tangential_weight
         for loop in loops:
             loop.launcher.poll_cancel = self.launcher.poll_cancel  # repeats the progress of all
-        self.engine = JointEngine(loops, alignments)
+        self.engine = JointEngine(loops, self.rows, self.alignments)
 
     def initialize(self, count: int, tick: Tick) -> None:
-        """Place the initial particles of all structures."""
+        """Place the initial particles of all structures; `count` is that of the structure with most."""
         share = 1.0 / len(self.loops)
         for number, loop in enumerate(self.loops):
-            loop.initialize(count, part_of(tick, number * share, (number + 1) * share))
+            own = loop.settings.particles if count == self.settings.particles else loop.stages[0].count
+            loop.initialize(own, part_of(tick, number * share, (number + 1) * share))
         self._gather()
         if self.initial is None:
             self.log.emit_frame(Stage.SPLITTING, self.engine, ends_stage=True)
@@ -141,11 +197,12 @@ class JointLoop(OptimizationLoop):
         """Use the weight of H(Z) that the first particles of all structures tell."""
         super().begin(start)
         for loop in self.loops:
-            loop.settings, loop.stages, loop.start = self.settings, self.stages, start
+            loop.begin(start)
 
     def compared_positions(self) -> FloatArray:
-        """Return the particles of all structures, each aligned with its like, (M, S n, 3)."""
-        return np.concatenate([loop.compared_positions() for loop in self.loops], axis=1)
+        """Return the particles of all structures, each aligned with its like, (M, N, 3)."""
+        pairs = zip(self.loops, self.rows, strict=True)
+        return np.concatenate([loop.compared_positions()[rows] for loop, rows in pairs], axis=1)
 
     def register_again(self, index: int) -> Reason:
         """Register all particles of all structures, and leave them there."""
@@ -155,19 +212,18 @@ class JointLoop(OptimizationLoop):
 
     def restore(self, resume: Checkpoint) -> int:
         """Continue all structures from a checkpoint; return the number of its stage."""
-        structures, count = len(self.loops), resume.positions.shape[1]
-        if count % structures or len(resume.poses) != structures * len(self.alignments):
+        if len(resume.others) != len(self.loops) - 1:
             raise InputError("the checkpoint belongs to another cohort or other settings; start a new run")
-        begins = [
-            loop.restore(_of_structure(resume, number, structures)) for number, loop in enumerate(self.loops)
-        ]
+        begins = [loop.restore(own) for loop, own in zip(self.loops, (resume, *resume.others), strict=True)]
         self.log.restore(resume)
         self._gather()
         return begins[0]
 
     def _gather(self) -> None:
-        self.poses = np.concatenate([loop.poses for loop in self.loops])
-        self.repaired = np.concatenate([loop.repaired for loop in self.loops], axis=1)
+        wide = [np.zeros((self.engine.subjects, loop.repaired.shape[1]), np.int32) for loop in self.loops]
+        for own, loop, places in zip(wide, self.loops, self.engine.places, strict=True):
+            own[places] = loop.repaired
+        self.repaired = np.concatenate(wide, axis=1)
 
     def _iterate(self, index: int, done: int, times: int) -> None:
         super()._iterate(index, done, times)
@@ -178,13 +234,17 @@ class JointLoop(OptimizationLoop):
         """Align each structure with its like."""
         for loop in self.loops:
             loop.align(tangential_weight, regularization)
-        self._gather()
+
+    def needs_split(self, index: int) -> bool:
+        """Return whether a structure has more particles in a stage than now."""
+        return any(loop.needs_split(index) for loop in self.loops)
 
     def split_particles(self, index: int) -> None:
-        """Split the particles of all structures."""
+        """Split the particles of the structures that have more in a stage."""
         with self._whole(max(index - 1, 0), self.stages[index - 1].iterations):
             for loop in self.loops:
-                loop.split_particles(index)
+                if loop.needs_split(index):
+                    loop.split_particles(index)
         self._gather()
 
     def repair(self, index: int, done: int) -> None:
@@ -197,51 +257,47 @@ class JointLoop(OptimizationLoop):
     @contextmanager
     def _whole(self, index: int, done: int) -> Iterator[None]:
         """If the block is cancelled, checkpoint all structures as they were before."""
-        before = self.engine.particles()
+        before = self.particles()
         try:
             yield
         except Cancelled:
             self._checkpoint(index, done, before)
             raise
 
+    def particles(self) -> list[Particles]:
+        """Return copies of the state of each structure."""
+        return [loop.engine.particles() for loop in self.loops]
 
-def _of_structure(resume: Checkpoint, number: int, structures: int) -> Checkpoint:
-    """Return the part of a checkpoint that belongs to one of the structures."""
-    count, shapes = resume.positions.shape[1] // structures, len(resume.positions)
-    own = slice(number * count, (number + 1) * count)
-    return replace(
-        resume,
-        positions=resume.positions[:, own],
-        widths=resume.widths[:, own],
-        means=resume.means[own],
-        neighbours=resume.neighbours[own],
-        coefficients=resume.coefficients[own],
-        poses=resume.poses[number * shapes : (number + 1) * shapes],
-        faces=resume.faces[:, own],
-        repaired=resume.repaired[:, own],
-    )
+    def _checkpoint(self, index: int, done: int, particles: Sequence[Particles] | None = None) -> None:
+        left = len(self.stages) - 1 - index
+        first, *others = (
+            self.log.state(now, loop.poses, left, done, loop.repaired, self.start)
+            for loop, now in zip(self.loops, particles or self.particles(), strict=True)
+        )
+        self.log.save(replace(first, others=tuple(others)))
 
 
 def joined(
     parts: Sequence[OptimizedParticles], loop: JointLoop, *, align_by: int | None = None
 ) -> OptimizedParticles:
-    """Return the subjects' particles from those of their structures.
+    """Return the particles of the subjects that have all structures from those of the structures.
 
     The subjects are aligned by the particles of all structures, or of one (`align_by`), as a single structure
     is; where the run aligns nothing, they stay as they were.
     """
-    local = np.concatenate([part.local for part in parts], axis=1)
+    own = list(zip(parts, loop.rows, strict=True))
+    local = np.concatenate([part.local[rows] for part, rows in own], axis=1)
     alignments, first = loop.alignments, loop.loops[0]
     if first.aligns:
         images = _images(alignments)
-        points = transform_points(images, local if align_by is None else parts[align_by].local)
-        scaling, proper = first.settings.procrustes is Procrustes.SHAPE, alignments @ images
-        alignments = (
-            alignments_of_particles(points, proper, proper, first.free_poses, scaling=scaling) @ images
-        )
+        seen = local if align_by is None else parts[align_by].local[loop.rows[align_by]]
+        points, proper = transform_points(images, seen), alignments @ images
+        scaling, free = first.settings.procrustes is Procrustes.SHAPE, first.free_poses[loop.rows[0]]
+        alignments = alignments_of_particles(points, proper, proper, free, scaling=scaling) @ images
     turns = rotation_of(alignments)
     normals = [
-        np.einsum("mij,mkj,mnk->mni", turns, rotation_of(part.alignments), part.normals) for part in parts
+        np.einsum("mij,mkj,mnk->mni", turns, rotation_of(part.alignments[rows]), part.normals[rows])
+        for part, rows in own
     ]
     return OptimizedParticles(
         world=transform_points(alignments, local),
@@ -251,6 +307,6 @@ def joined(
         alignments=alignments,
         iterations=loop.log.iteration,
         reason=parts[0].reason,
-        repaired=np.concatenate([part.repaired for part in parts], axis=1),
+        repaired=np.concatenate([part.repaired[rows] for part, rows in own], axis=1),
         parts=tuple(parts),
     )

@@ -70,6 +70,8 @@ class OptimizationLoop:
         None: particles are initialized by registration.
     tick, observe, on_checkpoint
         As in `homolog.correspondence.optimize`.
+    levels : int
+        See `plan_stages`.
 
     Attributes
     ----------
@@ -99,7 +101,9 @@ class OptimizationLoop:
         tick: Tick,
         observe: FrameCallback | None = None,
         on_checkpoint: CheckpointCallback | None = None,
+        levels: int = 1,
     ) -> None:
+        self.levels = levels
         self.cohort, self.settings, self.initial, self.stages = cohort, settings, initial, stages
         self.shapes, self.alignments = shapes, alignments
         scales = None if settings.procrustes is Procrustes.SHAPE else scale_of(alignments)
@@ -131,7 +135,7 @@ class OptimizationLoop:
         reason = Reason.ITERATIONS
         for index in range(begin, len(self.stages)):
             plan = self.stages[index]
-            if plan.count != self.engine.count:
+            if self.needs_split(index):
                 self.split_particles(index)
             begun = self.log.iteration - done
             reason = self._stage(index, done)
@@ -167,7 +171,7 @@ class OptimizationLoop:
         if self.settings.ensemble_weight is None:
             present = None if self.initial is None else self.initial.local.shape[1]
             self.settings = with_weight(self.settings, start.parts)
-            self.stages = plan_stages(self.settings, present, len(self.shapes))
+            self.stages = plan_stages(self.settings, present, len(self.shapes), self.levels)
 
     def _is_worse(self, index: int) -> bool:
         """Return whether a stage made the first particles predict each other worse than they did."""
@@ -281,6 +285,10 @@ class OptimizationLoop:
             )
         self.engine.set_poses(self.poses)
 
+    def needs_split(self, index: int) -> bool:
+        """Return whether a stage has another number of particles than now."""
+        return bool(self.stages[index].count != self.engine.count)
+
     def split_particles(self, index: int) -> None:
         """Replace the engine by one of more particles; its surfaces are released before others are made."""
         plan, old = self.stages[index], self.engine
@@ -298,7 +306,7 @@ class OptimizationLoop:
         except Cancelled:
             self.repaired = repaired
             if index > 0:
-                self._checkpoint(index - 1, self.stages[index - 1].iterations, particles)
+                self._checkpoint(index - 1, self.stages[index - 1].iterations, [particles])
             raise
 
     def _stage(self, index: int, done: int) -> Reason:
@@ -342,7 +350,7 @@ class OptimizationLoop:
 
     def _iterate(self, index: int, done: int, times: int) -> None:
         """Move the particles; if cancelled, checkpoint their positions from before."""
-        before = self.engine.particles() if self.launcher.device == "cpu" else None
+        before = self.particles() if self.launcher.device == "cpu" else None
         try:
             self.engine.iterate(times)
         except Cancelled:
@@ -360,7 +368,7 @@ class OptimizationLoop:
 
     def repair(self, index: int, done: int) -> None:
         """Relocate lost particles at the end of a stage."""
-        before, repaired = self.engine.particles(), self.repaired.copy()
+        before, repaired = self.particles(), self.repaired.copy()
         try:
             self._relocate_lost()
         except Cancelled:
@@ -408,9 +416,14 @@ class OptimizationLoop:
             self._checkpoint(index, done)
             raise
 
-    def _checkpoint(self, index: int, done: int, particles: Particles | None = None) -> None:
-        now = self.engine.particles() if particles is None else particles
-        self.log.save(now, self.poses, len(self.stages) - 1 - index, done, self.repaired, self.start)
+    def particles(self) -> list[Particles]:
+        """Return copies of the state of each structure."""
+        return [self.engine.particles()]
+
+    def _checkpoint(self, index: int, done: int, particles: Sequence[Particles] | None = None) -> None:
+        left = len(self.stages) - 1 - index
+        (now,) = particles or self.particles()
+        self.log.save(self.log.state(now, self.poses, left, done, self.repaired, self.start))
 
     def local_positions(self) -> FloatArray:
         """Return the particles in the coordinates of the shapes, (M, n, 3) [mm]."""

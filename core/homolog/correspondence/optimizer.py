@@ -6,17 +6,18 @@ import numpy as np
 
 from homolog.arrays import BoolArray
 from homolog.correspondence.divided import prepare_on
-from homolog.correspondence.joint import JointLoop, joined
+from homolog.correspondence.joint import JointLoop, StructureShapes, joined
 from homolog.correspondence.loop import OptimizationLoop
 from homolog.correspondence.mirror_images import MirrorImages, with_mirror_images
 from homolog.correspondence.recorder import CheckpointCallback
-from homolog.correspondence.schedule import TimeShares, plan_stages
+from homolog.correspondence.schedule import TimeShares, levels_of, plan_stages
 from homolog.correspondence.surface_sets import normalize_size
 from homolog.correspondence.types import (
     Checkpoint,
     FrameCallback,
     InitialParticles,
     OptimizedParticles,
+    Reason,
     Shape,
 )
 from homolog.device import choose_device
@@ -27,7 +28,7 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.threads import blas_threads, cores
 
-__all__ = ["optimize"]
+__all__ = ["optimize", "optimize_jointly"]
 
 
 def optimize(
@@ -42,7 +43,6 @@ def optimize(
     resume: Checkpoint | None = None,
     solve: GeodesicSolver = solve_tables,
     store: Store = in_memory,
-    align_by: int | None = None,
 ) -> OptimizedParticles:
     """Place corresponding particles on all shapes (the paper's Eq. 5).
 
@@ -50,10 +50,9 @@ def optimize(
     ----------
     shapes : sequence of Shape
         At least two shapes, M. If an alignment is a reflection, the mirror image is optimized; the result is
-        in the coordinates of the file, with a reflection as alignment. Subjects with several structures
-        (`Shape.parts`) have the same ones in the same order.
+        in the coordinates of the file, with a reflection as alignment.
     settings : OptimizeSettings
-        Method, number of particles of each structure, weights and schedule.
+        Method, number of particles, weights and schedule.
     device : str
         ``"auto"``, ``"cpu"`` or ``"cuda:<n>"``; ``"cuda:0,cuda:1"`` divides the shapes among several GPUs.
     tick : Tick
@@ -72,8 +71,6 @@ def optimize(
         Geodesic solver.
     store : Store
         See `prepare_cohort`.
-    align_by : int, optional
-        Of subjects with several structures, that by which the result aligns them; all if not given.
 
     Returns
     -------
@@ -87,53 +84,100 @@ def optimize(
     NumericalError
         If a position is not finite.
     """
-    devices = choose_device(device).split(",")
-    if len(shapes) < 2:
-        raise InputError("correspondence needs at least two shapes; give more")
-    subjects = [shape.parts or (shape,) for shape in shapes]
-    number = len(subjects[0])
-    if initial is not None:
-        _check_initial(initial, len(shapes), number * settings.particles)
-    left = None if resume is None else resume.left
-    share = 1.0 / number
+    if initial is not None and initial.free is not None and not initial.free.any():
+        raise InputError("all particles are fixed, so there is nothing to optimize; free some")
+    structure = StructureShapes(shapes, settings, initial)
+    images, loop = _prepared(
+        structure,
+        choose_device(device).split(","),
+        left=None if resume is None else resume.left,
+        levels=levels_of(settings, structure.present),
+        tick=tick,
+        span=(0.0, 1.0),
+        observe=observe,
+        checkpoint=checkpoint,
+        solve=solve,
+        store=store,
+    )
+    return images.result(loop.result(_run(loop, [loop], resume)))
 
-    def prepared(structure: int) -> tuple[MirrorImages, OptimizationLoop]:
-        own = None if initial is None or number == 1 else initial.of_structure(structure, number)
-        return _prepared(
-            [parts[structure] for parts in subjects],
-            settings,
-            devices,
-            initial=own or initial,
-            left=left,
+
+def optimize_jointly(
+    shapes: Sequence[Shape],
+    structures: Sequence[StructureShapes],
+    *,
+    device: str = "auto",
+    tick: Tick = no_tick,
+    observe: FrameCallback | None = None,
+    checkpoint: CheckpointCallback | None = None,
+    resume: Checkpoint | None = None,
+    solve: GeodesicSolver = solve_tables,
+    store: Store = in_memory,
+    align_by: int | None = None,
+) -> OptimizedParticles:
+    """Place corresponding particles on several structures of each subject.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+        The subjects that have all structures, at least two, aligned as wholes.
+    structures : sequence of StructureShapes
+        Each structure, aligned with its like, with its settings and initial particles.
+    align_by : int, optional
+        The structure by which the result aligns the subjects; all if not given.
+    device, tick, observe, checkpoint, resume, solve, store
+        See `optimize`.
+
+    Returns
+    -------
+    OptimizedParticles
+        Of the subjects, with those of the structures as `parts`.
+
+    Raises
+    ------
+    InputError, NumericalError
+        See `optimize`.
+    """
+    if len(shapes) < 2:
+        raise InputError("fewer than two subjects have all structures; give more, or fewer structures")
+    levels = max(levels_of(item.settings, item.present) for item in structures)
+    share = 1.0 / len(structures)
+    sides = [
+        _prepared(
+            item,
+            choose_device(device).split(","),
+            left=None if resume is None else resume.left,
+            levels=levels,
             tick=tick,
-            span=(structure * share, (structure + 1) * share),
-            observe=observe if number == 1 else None,
-            checkpoint=checkpoint if number == 1 else None,
+            span=(number * share, (number + 1) * share),
+            observe=None,
+            checkpoint=None,
             solve=solve,
             store=store,
         )
-
-    sides = [prepared(structure) for structure in range(number)]
+        for number, item in enumerate(structures)
+    ]
     loops = [loop for _, loop in sides]
-    whole = np.stack([shape.alignment for shape in shapes])
-    joint = JointLoop(loops, whole, loops[0].tick, observe, checkpoint) if number > 1 else None
+    joint = JointLoop(loops, shapes, observe, checkpoint)
+    reason = _run(joint, loops, resume)
+    return joined([images.result(loop.result(reason)) for images, loop in sides], joint, align_by=align_by)
+
+
+def _run(loop: OptimizationLoop, loops: Sequence[OptimizationLoop], resume: Checkpoint | None) -> Reason:
     try:
-        with blas_threads(len(shapes)):
-            reason = (joint or loops[0]).run(resume)
+        with blas_threads(max(len(item.cohort.names) for item in loops)):
+            return loop.run(resume)
     finally:
-        for loop in loops:
-            loop.launcher.close()
-    parts = [images.result(loop.result(reason)) for images, loop in sides]
-    return parts[0] if joint is None else joined(parts, joint, align_by=align_by)
+        for item in loops:
+            item.launcher.close()
 
 
 def _prepared(
-    shapes: Sequence[Shape],
-    settings: OptimizeSettings,
+    structure: StructureShapes,
     devices: Sequence[str],
     *,
-    initial: InitialParticles | None,
     left: int | None,
+    levels: int,
     tick: Tick,
     span: tuple[float, float],
     observe: FrameCallback | None,
@@ -141,19 +185,26 @@ def _prepared(
     solve: GeodesicSolver,
     store: Store,
 ) -> tuple[MirrorImages, OptimizationLoop]:
-    """Bring one structure of all subjects to the devices; return its mirror images and its loop.
+    """Bring a structure of all subjects to the devices; return its mirror images and its loop.
 
-    `left` are the stages after that of a checkpoint, and `span` is the part of the preparation's progress.
+    `left` are the stages after that of a checkpoint, `levels` see `plan_stages`, and `span` is the part of
+    the preparation's progress.
     """
+    settings, initial = structure.settings, structure.initial
+    if len(structure.shapes) < 2:
+        raise InputError("correspondence needs at least two shapes; give more")
+    if initial is not None:
+        _check_initial(initial, len(structure.shapes), settings.particles)
     free_shapes: BoolArray | None = None
     if initial is not None and initial.free is not None:
         free_shapes = np.any(initial.free, axis=1)
-    images = with_mirror_images(shapes, store)
-    shapes, initial, observe = images.shapes, images.initial_particles(initial), images.observer(observe)
+    images = with_mirror_images(structure.shapes, store)
+    shapes: Sequence[Shape] = images.shapes
+    initial, observe = images.initial_particles(initial), images.observer(observe)
     alignments = np.stack([shape.alignment for shape in shapes])
     if settings.procrustes.takes_size_out:
         shapes = normalize_size(shapes)
-    stages = plan_stages(settings, initial.local.shape[1] if initial is not None else None, len(shapes))
+    stages = plan_stages(settings, structure.present, len(shapes), levels)
     shares = TimeShares(
         stages,
         geodesic=settings.method.uses_geodesics,
@@ -173,7 +224,7 @@ def _prepared(
     )
     loop_tick = part_of(tick, shares.preparation, 1.0)
     return images, OptimizationLoop(
-        shapes, alignments, cohort, settings, stages, shares, initial, loop_tick, observe, checkpoint
+        shapes, alignments, cohort, settings, stages, shares, initial, loop_tick, observe, checkpoint, levels
     )
 
 
@@ -186,5 +237,3 @@ def _check_initial(initial: InitialParticles, shapes: int, particles: int) -> No
         )
     if initial.free is not None and (shape[1] != particles or initial.free.shape != shape[:2]):
         raise InputError("if some particles are fixed, all particles must be given; request no others")
-    if initial.free is not None and not initial.free.any():
-        raise InputError("all particles are fixed, so there is nothing to optimize; free some")

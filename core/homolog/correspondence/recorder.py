@@ -124,13 +124,13 @@ class RunRecorder:
             growth = (self.scales / before)[:, None, None]
             world = centres[:, None] + growth * (world - centres[:, None])
         latest = np.array(self.rows[-1][1:]) if self.rows else np.full(3, np.nan)
-        self.observe(Frame(stage, self.iteration, world, latest, alignments, ends_stage))
+        self.observe(Frame(stage, self.iteration, world, latest, alignments, ends_stage, engine.counts))
 
     def checkpoint_is_due(self) -> bool:
         """Return whether a checkpoint is due."""
         return time.monotonic() >= self._next_checkpoint
 
-    def save(
+    def state(
         self,
         particles: Particles,
         poses: FloatArray,
@@ -138,8 +138,8 @@ class RunRecorder:
         done: int,
         repaired: IntArray,
         start: Start,
-    ) -> None:
-        """Emit a checkpoint.
+    ) -> Checkpoint:
+        """Return a checkpoint.
 
         Parameters
         ----------
@@ -150,26 +150,27 @@ class RunRecorder:
         start : Start
             What the first particles told.
         """
-        self._next_checkpoint = time.monotonic() + CHECKPOINT_INTERVAL_S
-        if self.on_checkpoint is None:
-            return
-        self.on_checkpoint(
-            Checkpoint(
-                left=left,
-                done=done,
-                iteration=self.iteration,
-                positions=particles.positions,
-                widths=particles.widths,
-                means=particles.means,
-                neighbours=particles.neighbourhoods[0],
-                coefficients=particles.neighbourhoods[1],
-                poses=poses,
-                faces=particles.faces,
-                energies=self.energies,
-                repaired=repaired.copy(),
-                tangential_weight=self.tangential_weight,
-                parts=start.parts,
-                variance=start.variance,
-                left_out=start.left_out,
-            )
+        return Checkpoint(
+            left=left,
+            done=done,
+            iteration=self.iteration,
+            positions=particles.positions,
+            widths=particles.widths,
+            means=particles.means,
+            neighbours=particles.neighbourhoods[0],
+            coefficients=particles.neighbourhoods[1],
+            poses=poses,
+            faces=particles.faces,
+            energies=self.energies,
+            repaired=repaired.copy(),
+            tangential_weight=self.tangential_weight,
+            parts=start.parts,
+            variance=start.variance,
+            left_out=start.left_out,
         )
+
+    def save(self, checkpoint: Checkpoint) -> None:
+        """Emit a checkpoint."""
+        self._next_checkpoint = time.monotonic() + CHECKPOINT_INTERVAL_S
+        if self.on_checkpoint is not None:
+            self.on_checkpoint(checkpoint)

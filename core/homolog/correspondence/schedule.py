@@ -10,7 +10,7 @@ from homolog.correspondence.types import Stage
 from homolog.settings import Method, OptimizeSettings
 from homolog.threads import MOST_THREADS
 
-__all__ = ["StagePlan", "TimeShares", "Weights", "particle_counts", "plan_stages"]
+__all__ = ["StagePlan", "TimeShares", "Weights", "levels_of", "particle_counts", "plan_stages"]
 
 STEP_FRACTION = 0.5  # tau over the squared Parzen width
 STEP_DECAY_ITERATIONS = 400  # over which tau decays to e^-3 in the last stage
@@ -110,14 +110,25 @@ def particle_counts(particles: int, fewest: int = MAX_INITIAL_PARTICLES) -> list
     return counts[::-1]
 
 
+def levels_of(settings: OptimizeSettings, present: int | None = None) -> int:
+    """Return how many numbers of particles an optimization goes through, from `present` ones if given."""
+    return len(particle_counts(settings.particles, present or MAX_INITIAL_PARTICLES))
+
+
 def plan_stages(
-    settings: OptimizeSettings, present: int | None = None, shapes: int = TYPICAL_SHAPES
+    settings: OptimizeSettings,
+    present: int | None = None,
+    shapes: int = TYPICAL_SHAPES,
+    levels: int = 1,
 ) -> list[StagePlan]:
     """Return the stages of an optimization, from the initial particles, or `present` ones, to all.
 
     The number of shapes serves estimates of the remaining time only. A weight of H(Z) that is still to be
-    derived counts as one.
+    derived counts as one. With more `levels` than it needs, as another structure does, particles are split
+    in the last ones only.
     """
+    counts = particle_counts(settings.particles, present or MAX_INITIAL_PARTICLES)
+    counts = counts[:1] * (levels - len(counts)) + counts
     ensemble_weight = 1.0 if settings.ensemble_weight is None else settings.ensemble_weight
     normals_weight = settings.normals_weight if settings.method.uses_normals else 0.0
     coherence = settings.coherence if settings.method is not Method.EUCLIDEAN else 0.0  # as published
@@ -138,7 +149,6 @@ def plan_stages(
 
     annealed = 0.0
     if present is None:
-        counts = particle_counts(settings.particles)
         to_mean = TermSchedule(MEAN_WEIGHT * MEAN_REGULARIZATION, MEAN_REGULARIZATION, MEAN_REGULARIZATION)
         constant = TermSchedule(normals_weight, 0.3, 0.3)
         stages = [StagePlan(Stage.SPLITTING, counts[0], split, to_mean, constant, coherence)]
@@ -148,7 +158,7 @@ def plan_stages(
             stages.append(annealing(counts[0], 0.0, annealed))
             stages += [annealing(count, annealed, annealed, split) for count in counts[1:-1]]
     else:
-        stages = [splitting(count) for count in particle_counts(settings.particles, present)[1:]]
+        stages = [splitting(count) for count in counts[1:]]
     stages.append(annealing(settings.particles, annealed, 1.0))
     end = NORMALS_ANNEALING[1]
     settling = TermSchedule(ensemble_weight, last, last), TermSchedule(normals_weight, end, end)

@@ -40,10 +40,6 @@ class Shape:
         Similarity from local to world coordinates.
     landmarks : (L, 3) float64 array or None
         Corresponding points in local coordinates [mm], on which the first particles are placed.
-    parts : tuple of Shape
-        The structures of a subject with several, each aligned with its like; the meshes of the subject are
-        then those of its structures together, its field that of the first, and its alignment that of the
-        whole. Empty for a single structure.
     """
 
     name: str
@@ -52,7 +48,6 @@ class Shape:
     coarse_mesh: TriangleMesh
     alignment: FloatArray
     landmarks: FloatArray | None = None
-    parts: "tuple[Shape, ...]" = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -85,11 +80,6 @@ class InitialParticles:
 
     local: FloatArray
     free: BoolArray | None = None
-
-    def of_structure(self, number: int, structures: int) -> "InitialParticles":
-        """Return the particles of one of several structures, which have as many each."""
-        own = slice(*(np.arange(number, number + 2) * (self.local.shape[1] // structures)))
-        return InitialParticles(self.local[:, own], None if self.free is None else self.free[:, own])
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -131,6 +121,8 @@ class Frame:
     ends_stage : bool
         Whether a stage in which the shapes were compared, or the first round of the registration that
         places the first particles, has just ended and others follow: a preliminary result.
+    counts : tuple of int
+        Particles of each of several structures; empty for a single one.
     """
 
     stage: Stage
@@ -139,6 +131,7 @@ class Frame:
     energies: FloatArray
     alignments: FloatArray
     ends_stage: bool = False
+    counts: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,8 +156,8 @@ class Checkpoint:
         Of each particle on the mean shape; k is 0 before the first iteration.
     coefficients : (n, k) float32 array
         With which they predict its deviation from the mean.
-    poses : (S M, 4, 4) float64 array
-        Alignment so far, in the optimizer's coordinates; of S structures one after another.
+    poses : (M, 4, 4) float64 array
+        Alignment so far, in the optimizer's coordinates.
     faces : (M, n) int32 array
         Faces of the surface set's meshes that the particles are on.
     energies : (T, 4) float64 array
@@ -177,6 +170,8 @@ class Checkpoint:
         Of the surface that varied independently when the particles were first placed.
     variance, left_out : float
         Of a subject, and of a left-out one, then (`Start`) [squared optimizer length].
+    others : tuple of Checkpoint
+        The further structures of subjects with several, whose first this is; empty for a single one.
     """
 
     left: int
@@ -195,6 +190,7 @@ class Checkpoint:
     parts: float
     variance: float
     left_out: float
+    others: "tuple[Checkpoint, ...]" = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -216,8 +212,8 @@ class OptimizedParticles:
     repaired : (M, N) int32 array
         The iteration at which a misplaced particle was relocated, 0 if never.
     parts : tuple of OptimizedParticles
-        The structures of subjects with several, each aligned with its like; their particles one after
-        another are those of the subjects. Empty for a single structure.
+        The structures of subjects with several, each aligned with its like, of all subjects that have it;
+        their particles one after another are those of the subjects that have all. Empty for a single one.
     """
 
     world: FloatArray

@@ -45,7 +45,9 @@ def content_key(
     content, rest = hashlib.sha256(), hashlib.sha256(_VERSION.encode())
     rest.update(
         settings.model_dump_json(
-            exclude={"alignment", "mirror", "scaling", "label", "values", "structures"}
+            exclude={
+                *("alignment", "mirror", "scaling", "label", "values", "structures", "structure_grooming")
+            }
         ).encode()
     )
     rest.update(text_of(cuts).encode())

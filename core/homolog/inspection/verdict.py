@@ -3,9 +3,9 @@
 import dataclasses
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
@@ -346,6 +346,13 @@ def agreement(particles: FloatArray, again: FloatArray) -> Agreement:
         distances.append(np.delete(np.linalg.norm(moved - again, axis=2), index, axis=0))
         spacing.append(_nearest(points, points, min(_RING + 1, len(points)))[0][:, 1:].mean())
     return Agreement(float(np.mean(distances)), float(np.mean(spacing)))
+
+
+def worst_of(verdicts: Mapping[str, Verdict]) -> Verdict:
+    """Return the verdict on the structure, of several by name, that is worst; its cause names it."""
+    order = list(Word)
+    name, verdict = max(verdicts.items(), key=lambda item: order.index(item[1].word))
+    return replace(verdict, cause=f"{name}: {verdict.cause}") if verdict.cause else verdict
 
 
 def write_verdict(project: ProjectFolder, verdict: Verdict, world: FloatArray) -> None:

@@ -9,15 +9,14 @@ step needs more surfaces in memory than those of the core set.
 
 import json
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from homolog.arrays import FloatArray, IntArray
+from homolog.arrays import Array, FloatArray, IntArray
 from homolog.cluster import SubjectWorkers
-from homolog.cohort import Cohort
 from homolog.correspondence import Shape
 from homolog.correspondence.ensemble import (
     Ensemble,
@@ -33,19 +32,25 @@ from homolog.correspondence.passes import EXTRAPOLATION, plan_passes
 from homolog.correspondence.shape_fit import shape_state
 from homolog.correspondence.surface_sets import Similarity, length_unit, normalize_size
 from homolog.geometry import scale_of, transform_points
-from homolog.grooming import GroomedSubject
 from homolog.io.arrays import read_arrays, write_arrays
 from homolog.io.atomic import report_os_errors
-from homolog.memory import OnDemand, Store, in_memory
+from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.registration.entropy import entropy_step
 from homolog.registration.procrustes import align_to_mean, generalized_procrustes
 from homolog.run.result import OptimizationInput, OptimizationOutcome
-from homolog.run.subject_fits import Reached, SubjectFits, groomed_shape
+from homolog.run.subject_fits import Reached, SubjectFits
 from homolog.settings import OptimizeSettings, Procrustes, RunSettings
 from homolog.surfaces.mirroring import MIRROR
 
-__all__ = ["first_placement", "fit_others", "joint_ensemble", "prepare_from_disk", "read_core", "write_core"]
+__all__ = [
+    "alignments_to_core",
+    "first_placement",
+    "fit_others",
+    "joint_ensemble",
+    "read_core",
+    "write_core",
+]
 
 _log = logging.getLogger(__name__)
 
@@ -56,36 +61,19 @@ _MOST_SPREADS = 32
 """Number of subjects of the core set whose opening angles determine the common scale."""
 
 
-def prepare_from_disk(
-    cohort: Cohort,
-    outlines: Sequence[GroomedSubject],
-    alignments: FloatArray,
-    settings: RunSettings,
-    folder: Path,
-    device: str,
-) -> OptimizationInput:
-    """Return a cohort's shapes, each read from the folder of groomed subjects on demand."""
-    names = [item.name for item in outlines]
-    shapes = OnDemand(len(names), lambda index: groomed_shape(folder, names[index], alignments[index]))
-    return OptimizationInput(cohort, settings, outlines, shapes, "", device)
+_ARRAYS = ("world", "local", "alignments", "energies", "iterations", "ended")
 
 
 def write_core(path: Path, outcome: OptimizationOutcome) -> None:
     """Write the particles of a core set, for a run that is interrupted during its fits."""
     with report_os_errors(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
-    arrays = {name: getattr(outcome, name) for name in ("world", "local", "alignments", "energies")}
-    notes = json.dumps([item.report.notes for item in outcome.inputs.groomed])
-    write_arrays(
-        path,
-        {
-            **arrays,
-            "iterations": outcome.iterations,
-            "ended": outcome.ended,
-            "notes": notes,
-            "fingerprint": outcome.inputs.fingerprint,
-        },
-    )
+    values: dict[str, object] = {"fingerprint": outcome.inputs.fingerprint}
+    for number, item in enumerate((outcome, *outcome.parts.values())):
+        notes = json.dumps([subject.report.notes for subject in item.inputs.groomed])
+        own = {name: getattr(item, name) for name in _ARRAYS} | {"notes": notes}
+        values |= {f"{number}.{name}" if number else name: value for name, value in own.items()}
+    write_arrays(path, values)
 
 
 def read_core(path: Path, inputs: OptimizationInput) -> OptimizationOutcome | None:
@@ -95,18 +83,29 @@ def read_core(path: Path, inputs: OptimizationInput) -> OptimizationOutcome | No
     stored = read_arrays(path)
     if str(stored["fingerprint"]) != inputs.fingerprint:
         return None
+    parts = {
+        name: _read_outcome(stored, f"{number}.", part)
+        for number, (name, part) in enumerate(inputs.parts.items(), start=1)
+    }
+    return replace(_read_outcome(stored, "", inputs), parts=parts)
+
+
+def _read_outcome(stored: Mapping[str, Array], prefix: str, inputs: OptimizationInput) -> OptimizationOutcome:
+    world, local, alignments, energies, iterations, ended, notes = (
+        stored[prefix + name] for name in (*_ARRAYS, "notes")
+    )
     groomed = [
-        replace(item, report=replace(item.report, notes=tuple(notes)))
-        for item, notes in zip(inputs.groomed, json.loads(str(stored["notes"])), strict=True)
+        replace(item, report=replace(item.report, notes=tuple(own)))
+        for item, own in zip(inputs.groomed, json.loads(str(notes)), strict=True)
     ]
     return OptimizationOutcome(
         replace(inputs, groomed=groomed),
-        np.asarray(stored["world"], np.float64),
-        np.asarray(stored["local"], np.float64),
-        np.asarray(stored["alignments"], np.float64),
-        np.asarray(stored["energies"], np.float64),
-        int(stored["iterations"]),
-        str(stored["ended"]),
+        np.asarray(world, np.float64),
+        np.asarray(local, np.float64),
+        np.asarray(alignments, np.float64),
+        np.asarray(energies, np.float64),
+        int(iterations),
+        str(ended),
         {},
     )
 
@@ -230,7 +229,7 @@ def fit_others(
     local = np.array(states.local)
     alignments = np.stack([shape.alignment for shape in shapes])
     alignments[core] = outcome.alignments
-    return local, _alignments(local, alignments, core, fits.placing)
+    return local, alignments_to_core(local, alignments, core, fits.placing)
 
 
 def joint_ensemble(
@@ -305,7 +304,7 @@ def first_placement(shape: Shape, ensemble: Ensemble, settings: OptimizeSettings
     return placement
 
 
-def _alignments(
+def alignments_to_core(
     local: FloatArray, alignments: FloatArray, core: IntArray, settings: OptimizeSettings
 ) -> FloatArray:
     """Return alignments to world coordinates: shapes are aligned to their mean, in the core set's pose."""

@@ -1,6 +1,6 @@
 """The subjects' landmarks: positions of the first particles, and errors of the correspondence."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,13 @@ from homolog.statistics.thin_plate import landmark_errors
 from homolog.surfaces.closest import closest_points
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["LandmarkErrors", "check_landmarks", "project_landmark_errors", "with_landmarks"]
+__all__ = [
+    "LandmarkErrors",
+    "check_landmarks",
+    "project_landmark_errors",
+    "with_landmarks",
+    "with_landmarks_of_structures",
+]
 
 _FAR = 0.25  # largest distance of landmarks from their surface, relative to its size
 
@@ -34,6 +40,64 @@ def with_landmarks(shapes: Sequence[Shape], cohort: Cohort) -> list[Shape]:
     InputError
         If a subject has no landmarks, they are not on its surface, or no landmark exists on all subjects.
     """
+    files, table = _table(cohort)
+    everywhere = np.isfinite(table).all(axis=(0, 2))
+    if not everywhere.any():
+        raise _no_common(cohort)
+    marked = table[:, everywhere]
+    for shape, points in zip(shapes, marked, strict=True):
+        check_landmarks(files[shape.name], shape.name, points, shape.mesh)
+    return [replace(shape, landmarks=points) for shape, points in zip(shapes, marked, strict=True)]
+
+
+def with_landmarks_of_structures(
+    structures: Mapping[str, Sequence[Shape]], cohort: Cohort
+) -> dict[str, list[Shape]]:
+    """Return the shapes of several structures with the landmarks that exist on all subjects of a structure.
+
+    A landmark belongs to the structure that is nearest to it on most subjects.
+
+    Raises
+    ------
+    InputError
+        See `with_landmarks`.
+    """
+    files, table = _table(cohort)
+    row = {subject.name: number for number, subject in enumerate(cohort.subjects)}
+    gaps = np.full((len(structures), *table.shape[:2]), np.inf)
+    for own, shapes in zip(gaps, structures.values(), strict=True):
+        for shape in shapes:
+            points = table[row[shape.name]]
+            there = np.isfinite(points).all(axis=1)
+            own[row[shape.name], there] = KDTree(shape.mesh.vertices).query(points[there])[0]
+    votes = (gaps.argmin(axis=0) == np.arange(len(structures))[:, None, None]) & np.isfinite(table).all(
+        axis=2
+    )
+    owner = votes.sum(axis=1).argmax(axis=0)  # (L,)
+    result = {}
+    for number, (name, shapes) in enumerate(structures.items()):
+        marked = table[[row[shape.name] for shape in shapes]]
+        own = marked[:, (owner == number) & np.isfinite(marked).all(axis=(0, 2))]
+        for shape, points in zip(shapes, own, strict=True):
+            if len(points):
+                check_landmarks(files[shape.name], shape.name, points, shape.mesh)
+        result[name] = [
+            replace(shape, landmarks=points if len(points) else None)
+            for shape, points in zip(shapes, own, strict=True)
+        ]
+    if all(shape.landmarks is None for shapes in result.values() for shape in shapes):
+        raise _no_common(cohort)
+    return result
+
+
+def _no_common(cohort: Cohort) -> InputError:
+    return InputError(
+        f"{cohort.folder}: no landmark exists on all subjects; give the same points the same names"
+    )
+
+
+def _table(cohort: Cohort) -> tuple[dict[str, Path], FloatArray]:
+    """Return the files of the subjects' landmarks, and these as (M, L, 3), NaN where one is missing."""
     files = {subject.name: subject.landmarks for subject in cohort.subjects if subject.landmarks is not None}
     without = [subject.name for subject in cohort.subjects if subject.name not in files]
     if without:
@@ -42,15 +106,7 @@ def with_landmarks(shapes: Sequence[Shape], cohort: Cohort) -> list[Shape]:
             "next to the file, or run without landmarks"
         )
     _, table = landmark_table([read_markups(files[subject.name]) for subject in cohort.subjects])
-    everywhere = np.isfinite(table).all(axis=(0, 2))
-    if not everywhere.any():
-        raise InputError(
-            f"{cohort.folder}: no landmark exists on all subjects; give the same points the same names"
-        )
-    marked = table[:, everywhere]
-    for shape, points in zip(shapes, marked, strict=True):
-        check_landmarks(files[shape.name], shape.name, points, shape.mesh)
-    return [replace(shape, landmarks=points) for shape, points in zip(shapes, marked, strict=True)]
+    return files, table
 
 
 def check_landmarks(path: Path, name: str, points: FloatArray, mesh: TriangleMesh) -> None:

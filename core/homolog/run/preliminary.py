@@ -36,7 +36,9 @@ def preliminary_result(inputs: OptimizationInput, frame: Frame, tick: Tick = no_
     """
     world = frame.world.astype(np.float64)
     model = ShapeModel().fit(world, names=[shape.name for shape in inputs.shapes])
-    surface = surface_of_shapes(model, world, inputs.shapes, frame.alignments, len(inputs.parts), tick)
+    surface = surface_of_shapes(
+        model, world, inputs.shapes, frame.alignments, inputs.pieces(frame.counts), tick
+    )
     subjects = inputs.cohort.subjects
     return Result(
         names=tuple(subject.name for subject in subjects),

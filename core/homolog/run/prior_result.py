@@ -1,7 +1,7 @@
 """A finished result as the start of another run: more particles, or new subjects fitted to it."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from homolog.io.records import ResultRecord
 from homolog.io.results import read_result
 from homolog.progress import Tick
 from homolog.run.fingerprints import surface_hash
-from homolog.run.result import CANCELLED
+from homolog.run.result import CANCELLED, OptimizationInput
 from homolog.settings import RunSettings
 
 __all__ = ["PriorResult", "adds_particles", "new_subjects", "read_prior_result"]
@@ -32,26 +32,34 @@ class PriorResult:
         Particles in file coordinates [mm].
     alignments : mapping of str to (4, 4) float64 array
         Similarities from local to world coordinates in the result.
+    parts : mapping of str to PriorResult
+        The structures of subjects with several, by name.
     """
 
     record: ResultRecord
     local: dict[str, FloatArray]
     alignments: dict[str, FloatArray]
+    parts: Mapping[str, "PriorResult"] = field(default_factory=dict)
+
+    @property
+    def names(self) -> set[str]:
+        """The subjects of the result, or of one of its structures."""
+        return set(self.local).union(*(part.local for part in self.parts.values()))
 
     def check(self, names: Sequence[str], settings: RunSettings) -> None:
         """Raise InputError if a run of these subjects and settings can't start from the result."""
-        missing = [name for name in self.local if name not in names]
+        missing = sorted(self.names - set(names))
         if missing:
             raise InputError(f"{', '.join(missing)}: is in the result but not in the cohort; start a new run")
         if settings.groom != self.record.settings.groom:
             raise InputError("the result's surfaces were groomed with other settings; start a new run")
-        fresh, more = len(names) > len(self.local), settings.optimize.particles - self.record.particles
-        if fresh and more:
+        fresh, more = set(names) > self.names, _more(self.record, settings)
+        if fresh and any(more):
             raise InputError(
                 f"new subjects get the result's {self.record.particles} particles; fit them first, then "
                 "request more particles"
             )
-        if more < 0 or not (fresh or more):
+        if min(more) < 0 or not (fresh or any(more)):
             raise InputError(
                 f"the result already has {self.record.particles} particles for every subject; request more, "
                 "name new files to fit, or start a new run"
@@ -78,11 +86,20 @@ class PriorResult:
         move = _agreed_move(here, there)
         return [replace(s, alignment=self.alignments.get(s.name, move @ s.alignment)) for s in shapes]
 
-    def initial(self, shapes: Sequence[Shape], tick: Tick) -> InitialParticles:
-        """Return the initial particles; those of known subjects are fixed if there are new ones."""
+    def initial(self, shapes: Sequence[Shape], tick: Tick, *, fits: bool | None = None) -> InitialParticles:
+        """Return the initial particles; known subjects keep theirs if new ones are fitted, `fits`."""
         known = np.array([shape.name in self.local for shape in shapes])
         local = np.stack([self.local[shape.name] for shape in shapes if shape.name in self.local])
-        return InitialParticles(local) if known.all() else initialize_fit(shapes, local, known, tick)
+        moves = known.all() if fits is None else not fits
+        return InitialParticles(local) if moves else initialize_fit(shapes, local, known, tick)
+
+    def initial_of_structures(self, inputs: OptimizationInput, tick: Tick) -> dict[str, InitialParticles]:
+        """Return the initial particles of several structures, by name."""
+        fits = any(item.name not in self.names for part in inputs.parts.values() for item in part.groomed)
+        return {
+            name: self.parts[name].initial(part.shapes, tick, fits=fits)
+            for name, part in inputs.parts.items()
+        }
 
 
 def _agreed_move(moving: FloatArray, fixed: FloatArray) -> FloatArray:
@@ -115,14 +132,22 @@ def adds_particles(record: ResultRecord, cohort: Cohort, settings: RunSettings) 
     -------
     bool
     """
-    particles = settings.optimize.particles
-    same = settings.optimize.model_copy(update={"particles": record.particles}), settings.groom
+    before, more = record.settings.optimize, _more(record, settings)
+    counts = {"particles": before.particles, "structure_particles": before.structure_particles}
+    same = settings.optimize.model_copy(update=counts), settings.groom
     return (
         record.ended != CANCELLED
-        and record.particles < particles
-        and same == (record.settings.optimize, record.settings.groom)
+        and min(more) >= 0 < max(more)
+        and same == (before, record.settings.groom)
         and [subject.name for subject in cohort.subjects] == [subject.name for subject in record.subjects]
     )
+
+
+def _more(record: ResultRecord, settings: RunSettings) -> list[int]:
+    """Return how many particles more than a result each structure is to have."""
+    present = [item.particles for item in record.structures] or [record.particles]
+    wanted = settings.counts
+    return [now - before for now, before in zip(wanted, present, strict=False)]
 
 
 def new_subjects(record: ResultRecord, cohort: Cohort, settings: RunSettings) -> tuple[Subject, ...]:
@@ -143,4 +168,5 @@ def read_prior_result(project: ProjectFolder) -> PriorResult:
         record,
         dict(zip(result.names, result.local, strict=True)),
         dict(zip(result.names, result.alignments, strict=True)),
+        {item.name: read_prior_result(project.structure(item.name)) for item in record.structures},
     )

@@ -24,6 +24,7 @@ from homolog.io.results import Result, read_result, read_surface
 from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.result import OptimizationInput, OptimizationOutcome, add_note, model_of, write_result
+from homolog.run.structures import joined_subject
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_surface
 from homolog.threads import cores
@@ -47,8 +48,8 @@ Row = tuple[str, str, float, str, float, float, float, float, str]
 
 def inspect_project(
     project: ProjectFolder, tick: Tick = no_tick, *, workers: int | None = None
-) -> tuple[Result, Inspection]:
-    """Find suspects in a project's result.
+) -> dict[str, tuple[Result, Inspection]]:
+    """Find suspects in a project's result, by structure; "" for a single one.
 
     Parameters
     ----------
@@ -66,12 +67,19 @@ def inspect_project(
     result, record = read_result(project), project.read().result
     assert record is not None, "a result was read"
     if record.structures:
-        own = project.structure(record.structures[0].name).folder
-        raise InputError(f"{project.folder}: has several structures; check each alone: {own}")
+        share = 1.0 / len(record.structures)
+        return {
+            item.name: inspect_project(
+                project.structure(item.name),
+                part_of(tick, number * share, (number + 1) * share),
+                workers=workers,
+            )[""]
+            for number, item in enumerate(record.structures)
+        }
     meshes = [read_surface(project, subject) for subject in record.subjects]
     if record.ended == IMPORTED:
         _check_surfaces(result.names, meshes)
-    return result, inspect(
+    inspection = inspect(
         result.local,
         meshes,
         result.alignments,
@@ -79,6 +87,7 @@ def inspect_project(
         workers=workers or cores(),
         tick=tick,
     )
+    return {"": (result, inspection)}
 
 
 def _check_surfaces(names: Sequence[str], meshes: Sequence[TriangleMesh]) -> None:
@@ -104,14 +113,21 @@ def read_inputs(project: ProjectFolder) -> OptimizationInput:
     result = record.result
     if result is None:
         raise InputError(f"{project.folder}: has no result; run it first")
-    groomed = [_groomed(project, subject) for subject in result.subjects]
+    parts = {item.name: read_inputs(project.structure(item.name)) for item in result.structures}
+    archives = {name: {item.name: item for item in part.groomed} for name, part in parts.items()}
+    groomed = [
+        joined_subject({name: own[subject.name] for name, own in archives.items()})
+        if archives
+        else _groomed(project, subject)
+        for subject in result.subjects
+    ]
     shapes = [
         Shape(item.name, item.field, item.mesh, item.coarse_mesh, np.array(subject.alignment))
         for item, subject in zip(groomed, result.subjects, strict=True)
     ]
     device = choose_device(result.settings.device)
     return OptimizationInput(
-        _cohort(project, result), result.settings, groomed, shapes, result.fingerprint, device
+        _cohort(project, result), result.settings, groomed, shapes, result.fingerprint, device, parts
     )
 
 
@@ -212,33 +228,41 @@ def rows(inspection: Inspection, suspects: Sequence[Suspect], names: Sequence[st
     return table
 
 
-def write_suspects(path: Path, table: Sequence[Row]) -> None:
-    """Write a table as CSV, or as a list of objects if the file's name ends in ``.json``.
+def write_suspects(path: Path, tables: Mapping[str, Sequence[Row]]) -> None:
+    """Write the rows of each structure as CSV, or as a list of objects if the name ends in ``.json``.
+
+    Several structures have a column ``structure``; a single one is named "".
 
     Raises
     ------
     InputError
         If the name has another suffix, or the file can't be written.
     """
+    several = "" not in tables
+    columns = (*COLUMNS, "structure") if several else COLUMNS
+    table = [(*row, name) if several else row for name, own in tables.items() for row in own]
     if path.suffix.lower() == ".csv":
-        write_table(path, COLUMNS, table)
+        write_table(path, columns, table)
     elif path.suffix.lower() == ".json":
-        objects = [dict(zip(COLUMNS, row, strict=True)) for row in table]
+        objects = [dict(zip(columns, row, strict=True)) for row in table]
         write_text(path, json.dumps(objects, indent=2, ensure_ascii=False) + "\n")
     else:
         raise InputError(f"{path}: use a name that ends in .csv or .json")
 
 
 def write_repaired(
-    project: ProjectFolder, local: FloatArray, notes: Mapping[str, str], tick: Tick = no_tick
+    project: ProjectFolder,
+    local: Mapping[str, FloatArray],
+    notes: Mapping[str, str],
+    tick: Tick = no_tick,
 ) -> None:
     """Replace the particles of the project's result, with a new shape model.
 
     Parameters
     ----------
     project : ProjectFolder
-    local : (M, N, 3) array
-        Particles in file coordinates [mm].
+    local : mapping of str to (M, N, 3) array
+        Particles in file coordinates by structure, "" for a single one [mm].
     notes : mapping of str to str
         Notes on subjects, by name, stored with the result.
     tick : Tick
@@ -250,27 +274,46 @@ def write_repaired(
     """
     with project.locked(new=False):
         before = project.read()
-        inputs = read_inputs(project)
-        groomed = [
-            add_note(item, notes[item.name]) if item.name in notes else item for item in inputs.groomed
-        ]
-        assert before.result is not None, "a study was read"
-        alignments = np.stack([shape.alignment for shape in inputs.shapes])
-        world = transform_points(alignments, local)
-        outcome = OptimizationOutcome(
-            replace(inputs, groomed=groomed),
-            world,
-            local,
-            alignments,
-            np.loadtxt(project.folder / "energies.csv", delimiter=",", skiprows=1, ndmin=2),
-            before.result.iterations,
-            before.result.ended,
-            before.result.seconds,
-        )
+        outcome = _outcome(project, read_inputs(project), local, notes)
         model, surface = model_of(outcome, part_of(tick, 0.0, 0.5))
         write_result(project, outcome, model, surface, part_of(tick, 0.5, 1.0), before.excluded)
         next_run = {"subjects": before.subjects, "settings": before.settings, "unfinished": before.unfinished}
         project.write(project.read().model_copy(update=next_run))
+
+
+def _outcome(
+    project: ProjectFolder,
+    inputs: OptimizationInput,
+    particles: Mapping[str, FloatArray],
+    notes: Mapping[str, str],
+    name: str = "",
+) -> OptimizationOutcome:
+    """Return a result with other particles, and those of its structures."""
+    record = project.read().result
+    assert record is not None, "a study was read"
+    parts = {
+        part: _outcome(project.structure(part), own, particles, notes, part)
+        for part, own in inputs.parts.items()
+    }
+    names = [item.name for item in inputs.groomed]
+    own = [
+        part.local[[[item.name for item in part.inputs.groomed].index(subject) for subject in names]]
+        for part in parts.values()
+    ]
+    local = np.concatenate(own, axis=1) if own else particles[name]
+    groomed = [add_note(item, notes[item.name]) if item.name in notes else item for item in inputs.groomed]
+    alignments = np.stack([shape.alignment for shape in inputs.shapes])
+    return OptimizationOutcome(
+        replace(inputs, groomed=groomed),
+        transform_points(alignments, local),
+        local,
+        alignments,
+        np.loadtxt(project.folder / "energies.csv", delimiter=",", skiprows=1, ndmin=2),
+        record.iterations,
+        record.ended,
+        record.seconds,
+        parts,
+    )
 
 
 def _groomed(project: ProjectFolder, subject: ResultSubject) -> GroomedSubject:

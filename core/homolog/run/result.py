@@ -12,7 +12,7 @@ from homolog.cohort import Cohort, sides_of
 from homolog.correspondence import OptimizedParticles, Shape
 from homolog.device import describe_device
 from homolog.grooming import GroomedSubject
-from homolog.inspection.verdict import Agreement, Verdict, Word, judge, write_verdict
+from homolog.inspection.verdict import Agreement, Verdict, judge, worst_of, write_verdict
 from homolog.io.meshes import write_mesh
 from homolog.io.names import file_stems
 from homolog.io.particle_array import write_all_particles
@@ -60,6 +60,8 @@ class OptimizationInput:
         Warp's device alias.
     parts : mapping of str to OptimizationInput
         The structures of subjects with several, by name; empty for a single one.
+    everybody : Cohort or None
+        The subjects, and those that lack some of several structures; None if there are no such.
     """
 
     cohort: Cohort
@@ -69,6 +71,19 @@ class OptimizationInput:
     fingerprint: str
     device: str
     parts: Mapping[str, "OptimizationInput"] = field(default_factory=dict)
+    everybody: Cohort | None = None
+
+    def pieces(self, counts: Sequence[int]) -> list[tuple[int, Sequence[Shape]]]:
+        """Return the number of particles and the subjects' shapes of each of several structures."""
+        return [
+            (count, part.shapes_of([shape.name for shape in self.groomed]))
+            for count, part in zip(counts, self.parts.values(), strict=True)
+        ]
+
+    def shapes_of(self, names: Sequence[str]) -> Sequence[Shape]:
+        """Return the shapes of named subjects."""
+        rows = {item.name: row for row, item in enumerate(self.groomed)}
+        return OnDemand(len(names), lambda index: self.shapes[rows[names[index]]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,9 +159,8 @@ def model_of(outcome: OptimizationOutcome, tick: Tick) -> tuple[ShapeModel, Mean
     shapes, world = outcome.inputs.shapes, outcome.world
     with blas_threads(len(shapes)):
         model = ShapeModel().fit(world, names=[shape.name for shape in shapes])
-        return model, surface_of_shapes(
-            model, world, shapes, outcome.alignments, len(outcome.inputs.parts), tick
-        )
+        pieces = outcome.inputs.pieces([part.local.shape[1] for part in outcome.parts.values()])
+        return model, surface_of_shapes(model, world, shapes, outcome.alignments, pieces, tick)
 
 
 def write_result(
@@ -183,13 +197,14 @@ def write_result(
     InputError
         If the project can't be written to; its last result is then unchanged.
     """
-    inputs, verdicts = outcome.inputs, list[Verdict]()
+    inputs, verdicts = outcome.inputs, dict[str, Verdict]()
     share = 1.0 / (1 + len(outcome.parts))
     for number, (name, part) in enumerate(outcome.parts.items()):
         folder, now = project.structure(name), part_of(tick, number * share, (number + 1) * share)
+        have = {subject.name for subject in part.inputs.cohort.subjects}
+        lacking = {name: why for name, why in (excluded or {}).items() if name not in have}
         with folder.locked():
-            verdict = write_result(folder, part, *model_of(part, no_tick), now, excluded)
-        verdicts.append(replace(verdict, cause=f"{name}: {verdict.cause}") if verdict.cause else verdict)
+            verdicts[name] = write_result(folder, part, *model_of(part, no_tick), now, lacking)
     tick = part_of(tick, len(outcome.parts) * share, 1.0)
     stems = file_stems([shape.name for shape in inputs.shapes])
     with project.replacing_result() as new, blas_threads(len(inputs.shapes)):
@@ -199,16 +214,16 @@ def write_result(
         if inputs.parts:
             names = list(inputs.parts)
             reference = inputs.settings.optimize.align_by or names[0]
-            own = np.split(outcome.world, len(names), axis=1)
+            ends = np.cumsum([part.local.shape[1] for part in outcome.parts.values()])[:-1]
+            own = np.split(outcome.world, ends, axis=1)
             poses = relative_poses(own, names, names.index(reference))
             write_poses(new, [shape.name for shape in inputs.shapes], poses)
         write_surfaces(new, model, surface, part_of(tick, 0.7, 0.8))
         surfaces = OnDemand(
             len(inputs.shapes), lambda index: inputs.shapes[index].mesh.placed(outcome.alignments[index])
         )
-        order = list(Word)
         verdict = (
-            max(verdicts, key=lambda item: order.index(item.word))
+            worst_of(verdicts)
             if verdicts
             else judge(
                 outcome.world,
@@ -226,7 +241,7 @@ def write_result(
         )
         new.write(
             ProjectRecord(
-                subjects=project.describe(inputs.cohort),
+                subjects=project.describe(inputs.everybody or inputs.cohort),
                 settings=inputs.settings,
                 unfinished=outcome.ended == CANCELLED,
                 excluded=dict(excluded or {}),

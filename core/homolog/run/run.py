@@ -1,6 +1,5 @@
 """The pipeline from files to a shape model, as a state machine with progress, pause and cancel."""
 
-import logging
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -40,8 +39,6 @@ from homolog.threads import cores
 from homolog.workers import worker_processes
 
 __all__ = ["Run"]
-
-_log = logging.getLogger(__name__)
 
 _FEWEST = 8
 """Least number of particles that define a surface."""
@@ -99,6 +96,7 @@ class Run:
         self._study: OptimizationInput | None = None
         self._energies = np.empty((0, 4))
         self._excluded: dict[str, str] = {}
+        self._lacking: dict[str, set[str]] = {}
         self._grooms = settings.groom.of_structures or {"": settings.groom}
         self._readings: dict[str, dict[str, Reading]] = {name: {} for name in self._grooms}
         self._store: Store = in_memory
@@ -223,8 +221,8 @@ class Run:
         ):
             prior = self._base(cohort)
             self._write_run_record(cohort)
-            size = self._settings.optimize.core_set
-            grows = size is not None and size < len(cohort.subjects) and prior is None
+            size, complete = self._settings.optimize.core_set, cohort.without(set(self._excluded))
+            grows = size is not None and size < len(complete.subjects) and prior is None
             if grows:
                 self._control.expect_fits()
             cohort, groomed = self._groomed(
@@ -232,12 +230,18 @@ class Run:
             )
             self._control.enter(Phase.ALIGNING, "aligning")
             if grows:
-                outcome = self._grown(cohort, groomed[""], device)
+                outcome = self._grown(cohort, groomed, device)
             elif "" not in groomed:
                 self._study = prepare_joint_inputs(
-                    cohort, groomed, self._settings, device, self._control.tick, self.project
+                    cohort,
+                    groomed,
+                    self._settings,
+                    device,
+                    self._control.tick,
+                    project=self.project,
+                    prior=prior,
                 )
-                outcome = self._optimized(self._study, None)
+                outcome = self._optimized(self._study, prior)
             else:
                 self._study = prepare_inputs(
                     cohort,
@@ -260,57 +264,68 @@ class Run:
             write_result(self.project, outcome, model, surface, *given)
             self.project.checkpoint.unlink(missing_ok=True)
             shutil.rmtree(self.project.geodesics, ignore_errors=True)
+            for name in self._grooms:
+                folder = self.project.structure(name) if name else self.project
+                shutil.rmtree(folder.fits, ignore_errors=True)
             shutil.rmtree(self.project.fits, ignore_errors=True)
 
     def _checked(self) -> Cohort:
         self._control.enter(Phase.READING, "reading")
-        self._refuse_for_several()
-        problems = self._problems()
-        self._excluded = {problem.subject: problem.message for problem in problems}
-        if problems and not self._skip_bad:
-            raise InputError(self.refusal)
-        cohort = self._cohort.without({problem.subject for problem in problems})
-        self._check_number(cohort)
+        self._excluded, self._lacking = {}, {}
+        if unknown := self._settings.unknown_structures:
+            listed = ", ".join(filter(None, self._grooms)) or "there is only one structure"
+            raise InputError(f"{', '.join(unknown)}: is none of the structures: {listed}")
+        before = self.project.read() if self.project.exists else ProjectRecord()
+        goes_on = self._resume or self._from_result
+        accepted = before.excluded.keys() & {item.name for item in before.subjects} if goes_on else set()
+        self._exclude(self._problems())
+        if self._excluded.keys() - accepted and not self._skip_bad:
+            raise InputError("\n".join([self.refusal, *self._rare()]))
+        cohort = self._usable()
         check_sides(cohort, self._settings.groom)  # refuses invalid sides before any work
         return cohort
 
-    def _refuse_for_several(self) -> None:
-        """Refuse settings that need a single structure, and an unknown one to align by."""
-        optimize, names = self._settings.optimize, [name for name in self._grooms if name]
-        if optimize.align_by is not None and optimize.align_by not in names:
-            listed = ", ".join(names) or "there is only one structure"
-            raise InputError(f"{optimize.align_by!r} is none of the structures to align by: {listed}")
-        if names and (optimize.core_set is not None or optimize.landmarks or self._from_result):
-            wish = "a core set" if optimize.core_set else "landmarks" if optimize.landmarks else "a result"
-            raise InputError(
-                f"several structures can't start from {wish} yet; run them without it, or one structure alone"
-            )
+    def _exclude(self, problems: Mapping[str, Sequence[Problem]]) -> None:
+        """Leave subjects out of the structures that they can't be used for, and of the model of all."""
+        for name, those in problems.items():
+            self._lacking.setdefault(name, set()).update(item.subject for item in those)
+            for item in those:
+                self._excluded.setdefault(item.subject, item.message)
 
-    def _problems(self) -> list[Problem]:
-        """Return one problem for each subject that can't be used; what was read of the others is kept."""
-        first: dict[str, Problem] = {}
-        lacking: dict[str, int] = {}
+    def _usable(self) -> Cohort:
+        """Return the subjects that have a structure at least, if enough have all."""
+        lacking = [self._lacking.get(name, set()) for name in self._grooms]
+        self._check_number(self._cohort.without(set().union(*lacking)))
+        return self._cohort.without(set.intersection(*lacking))
+
+    def _rare(self) -> list[str]:
+        """Return a line if a structure that subjects lack costs more of them than the others do."""
+        names = list(self._grooms)
+        gains = {
+            name: len(self._excluded)
+            - len(set().union(*(self._lacking.get(other, set()) for other in names if other != name)))
+            for name in names
+        }
+        worst = max(gains, key=gains.__getitem__)
+        if len(names) < 3 or not gains[worst]:  # of two, the other one would be left
+            return []
+        return [f"without the structure {worst}, {gains[worst]} more subjects could be modelled"]
+
+    def _problems(self) -> dict[str, list[Problem]]:
+        """Return the subjects that each structure can't be used of; what was read of the others is kept."""
+        problems: dict[str, list[Problem]] = {}
         share = 1.0 / len(self._grooms)
         with worker_processes(self._settings.workers or cores()) as executor:
             for number, (name, groom) in enumerate(self._grooms.items()):
                 self._readings[name] = {}
-                problems = check_cohort(
+                problems[name] = check_cohort(
                     self._cohort,
                     groom,
                     part_of(self._control.tick, number * share, (number + 1) * share),
                     executor=executor,
                     readings=self._readings[name],
                 )
-                first = {problem.subject: problem for problem in problems} | first
-                lacking[name] = len(problems)
-        worst = max(lacking, key=lacking.__getitem__)
-        if worst and lacking[worst]:
-            _log.warning(
-                "without the structure %s, %d more subjects could be modelled",
-                worst,
-                len(first) - max(count for name, count in lacking.items() if name != worst),
-            )
-        return list(first.values())
+        return problems
 
     def _check_number(self, cohort: Cohort) -> None:
         if len(cohort.subjects) < 2:
@@ -361,19 +376,19 @@ class Run:
     ) -> tuple[Cohort, dict[str, list[GroomedSubject]]]:
         """Return the subjects that could be groomed, and their surfaces by structure; "" for a single one."""
         self._control.enter(Phase.GROOMING, "grooming")
-        left_out: list[Problem] = []
+        left_out: dict[str, list[Problem]] = {}
         tick, share = self._control.tick, 1.0 / len(self._grooms)
 
         def work(executor: Executor) -> dict[str, list[GroomedSubject]]:
-            left_out.clear()
+            left_out.update({name: [] for name in self._grooms})
             return {
                 name: groom_cohort(
-                    cohort,
+                    cohort.without(self._lacking.get(name, set())),
                     groom,
                     executor=executor,
                     cache=(self.project.structure(name) if name else self.project).groomed,
                     tick=part_of(tick, number * share, (number + 1) * share),
-                    left_out=left_out if self._skip_bad else None,
+                    left_out=left_out[name] if self._skip_bad else None,
                     readings=self._readings[name],
                     reduced=reduced,
                 )
@@ -383,18 +398,15 @@ class Run:
         workers, announce = self._settings.workers or cores(), self._control.work_on
         groomed = retried_on_workers(work, "grooming", workers, self._settings.cluster, announce)
         self._readings = {name: {} for name in self._grooms}
-        if left_out:
-            lost = {item.subject: item.message for item in left_out}
-            self._excluded |= lost
-            cohort = cohort.without(set(lost))
-            groomed = {
-                name: [item for item in items if item.name not in lost] for name, items in groomed.items()
-            }
-            self._check_number(cohort)
+        if any(left_out.values()):
+            self._exclude(left_out)
+            cohort = self._usable()
             self._write_run_record(cohort)
         return cohort, groomed
 
-    def _grown(self, cohort: Cohort, outlines: Sequence[GroomedSubject], device: str) -> OptimizationOutcome:
+    def _grown(
+        self, cohort: Cohort, outlines: Mapping[str, Sequence[GroomedSubject]], device: str
+    ) -> OptimizationOutcome:
         """Optimize a core set, and fit the others to it."""
         path = self.project.fits / "core.npz"
 
@@ -406,17 +418,15 @@ class Run:
                 write_core(path, outcome)
             return outcome
 
-        folders = self.project.groomed, self.project.fits
         return grow(
             cohort,
             outlines,
             self._settings,
-            folders,
+            self.project,
             device,
             self._control,
             optimized,
             store=self._store,
-            registrations=self.project.registrations,
         )
 
     def _optimized(self, inputs: OptimizationInput, prior: PriorResult | None) -> OptimizationOutcome:

@@ -77,7 +77,7 @@ def surface_of_shapes(
     world: FloatArray,
     shapes: Sequence[Shape],
     alignments: FloatArray,
-    structures: int = 0,
+    parts: Sequence[tuple[int, Sequence[Shape]]] = (),
     tick: Tick = no_tick,
 ) -> MeanSurface:
     """Return the mean surface of a model of shapes, or of their structures as separate pieces.
@@ -87,19 +87,23 @@ def surface_of_shapes(
     model, world, alignments, tick
         As in `surface_of_model`.
     shapes : sequence of M Shape
-    structures : int
-        How many structures each of them has; 0 for a single one.
+    parts : sequence of (int, sequence of M Shape)
+        For each of several structures, its number of particles and its shapes.
     """
-    if not structures:
-        every = OnDemand(len(shapes), lambda index: shapes[index].mesh)
-        return surface_of_model(model, world, every, alignments, tick)
-    count, moves, surfaces = world.shape[1] // structures, _moves(model), []
-    for number in range(structures):
-        own = slice(number * count, (number + 1) * count)
-        meshes = [shape.parts[number].mesh for shape in shapes]
-        now = part_of(tick, number / structures, (number + 1) / structures)
-        surfaces.append(_surface(model.mean_[own], moves[:, own], world[:, own], meshes, alignments, now))
+    if not parts:
+        return surface_of_model(model, world, _meshes(shapes), alignments, tick)
+    moves, surfaces, begin = _moves(model), list[MeanSurface](), 0
+    for number, (count, those) in enumerate(parts):
+        own, begin = slice(begin, begin + count), begin + count
+        now = part_of(tick, number / len(parts), (number + 1) / len(parts))
+        surfaces.append(
+            _surface(model.mean_[own], moves[:, own], world[:, own], _meshes(those), alignments, now)
+        )
     return MeanSurface.joined(surfaces)
+
+
+def _meshes(shapes: Sequence[Shape]) -> Sequence[TriangleMesh]:
+    return OnDemand(len(shapes), lambda index: shapes[index].mesh)
 
 
 def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:

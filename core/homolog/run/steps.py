@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 from homolog.cohort import Cohort
 from homolog.correspondence import (
@@ -10,13 +11,15 @@ from homolog.correspondence import (
     FrameCallback,
     OptimizedParticles,
     Shape,
+    StructureShapes,
     load_kernels,
     optimize,
+    optimize_jointly,
 )
 from homolog.device import device_faults
 from homolog.geodesics import GeodesicSolver, solve_tables
 from homolog.grooming import GroomedSubject
-from homolog.memory import Store, in_memory, return_freed_memory
+from homolog.memory import OnDemand, Store, in_memory, return_freed_memory
 from homolog.progress import Tick, run_in_background
 from homolog.registration import align_cohort
 from homolog.run.control import Control
@@ -25,6 +28,7 @@ from homolog.run.fingerprints import run_fingerprint
 from homolog.run.landmarks import with_landmarks
 from homolog.run.prior_result import PriorResult
 from homolog.run.result import OptimizationInput, OptimizationOutcome, add_repair_notes
+from homolog.run.subject_fits import groomed_shape
 from homolog.settings import RunSettings
 
 __all__ = ["prepare_inputs", "run_optimization"]
@@ -39,6 +43,7 @@ def prepare_inputs(
     *,
     prior: PriorResult | None = None,
     registrations: Path | None = None,
+    folder: Path | None = None,
 ) -> OptimizationInput:
     """Align groomed subjects, and add landmarks for the initial particles.
 
@@ -55,6 +60,9 @@ def prepare_inputs(
         Initial result, with alignments and initial particles.
     registrations : Path, optional
         File with earlier registrations; see `align_cohort`.
+    folder : Path, optional
+        Where the groomed subjects are, if `groomed` has only their outlines: shapes are then read from there
+        on each access.
 
     Returns
     -------
@@ -72,6 +80,10 @@ def prepare_inputs(
         "aligning",
     )
     tick(1.0, "aligned")
+    if folder is not None:
+        names = [item.name for item in annotated]
+        read = OnDemand(len(names), lambda index: groomed_shape(folder, names[index], alignments[index]))
+        return OptimizationInput(cohort, settings, annotated, read, "", device)
     shapes = [
         Shape(subject.name, subject.field, subject.mesh, subject.coarse_mesh, alignment)
         for subject, alignment in zip(annotated, alignments, strict=True)
@@ -122,7 +134,6 @@ def run_optimization(
         If a particle is lost.
     """
     geodesic = inputs.settings.optimize.method.uses_geodesics
-    align_by = inputs.settings.optimize.align_by
     first = Phase.GEODESICS if geodesic else Phase.SPLITTING
     control.enter(first, "geodesic distances", until=Phase.OPTIMIZING)
 
@@ -134,21 +145,49 @@ def run_optimization(
 
     with device_faults(inputs.device):
         run_in_background(lambda _: load_kernels(inputs.device), control.tick, "preparing compute kernels")
-        result = optimize(
-            inputs.shapes,
-            inputs.settings.placing,
-            device=inputs.device,
-            tick=control.tick,
+        result = _placed(
+            inputs,
+            prior,
+            control.tick,
             observe=follow,
             checkpoint=checkpoint,
-            initial=None if prior is None else prior.initial(inputs.shapes, control.tick),
             resume=resume,
             solve=solve,
             store=store,
-            align_by=list(inputs.parts).index(align_by) if align_by else None,
         )
     return_freed_memory()  # tables and fields take as much as the next steps need
     return _outcome(inputs, result, control)
+
+
+class _Options(TypedDict):
+    observe: FrameCallback
+    checkpoint: Callable[[Checkpoint], None] | None
+    resume: Checkpoint | None
+    solve: GeodesicSolver
+    store: Store
+
+
+def _placed(
+    inputs: OptimizationInput,
+    prior: PriorResult | None,
+    tick: Tick,
+    **options: Unpack[_Options],
+) -> OptimizedParticles:
+    """Place the particles of one structure, or of several together."""
+    if not inputs.parts:
+        initial = None if prior is None else prior.initial(inputs.shapes, tick)
+        given = inputs.settings.placing
+        return optimize(inputs.shapes, given, device=inputs.device, tick=tick, initial=initial, **options)
+    starts = {} if prior is None else prior.initial_of_structures(inputs, tick)
+    structures = [
+        StructureShapes(part.shapes, part.settings.placing, starts.get(name))
+        for name, part in inputs.parts.items()
+    ]
+    lead = inputs.settings.optimize.align_by
+    align_by = list(inputs.parts).index(lead) if lead else None
+    return optimize_jointly(
+        inputs.shapes, structures, device=inputs.device, tick=tick, align_by=align_by, **options
+    )
 
 
 def _outcome(inputs: OptimizationInput, result: OptimizedParticles, control: Control) -> OptimizationOutcome:

@@ -1,11 +1,14 @@
 """Several structures of each subject: what a run does for one structure, done for each and put together.
 
 Each structure is groomed, checked and aligned as if it were modelled alone, and is a project of its own
-within that of the subjects. The subjects' surfaces are those of their structures as separate pieces.
+within that of the subjects. The subjects' surfaces are those of their structures as separate pieces. A
+subject that lacks a structure takes part with the others that it has.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 
@@ -13,10 +16,14 @@ from homolog.cohort import Cohort
 from homolog.correspondence import Shape
 from homolog.geometry import rms_radius
 from homolog.grooming import GroomedSubject, GroomReport
+from homolog.grooming.cache import read_groomed
 from homolog.io.project import ProjectFolder
+from homolog.memory import OnDemand
 from homolog.progress import Tick, part_of
 from homolog.registration import align_cohort
 from homolog.run.fingerprints import run_fingerprint
+from homolog.run.landmarks import with_landmarks_of_structures
+from homolog.run.prior_result import PriorResult
 from homolog.run.result import OptimizationInput, add_note
 from homolog.run.steps import prepare_inputs
 from homolog.settings import RunSettings
@@ -58,60 +65,109 @@ def prepare_joint_inputs(
     settings: RunSettings,
     device: str,
     tick: Tick,
-    project: ProjectFolder,
+    *,
+    project: ProjectFolder | None = None,
+    prior: PriorResult | None = None,
+    folders: Mapping[str, Path] | None = None,
 ) -> OptimizationInput:
-    """Align the groomed structures, each with its like, and the subjects as wholes.
+    """Align the groomed structures, each with its like, and as wholes the subjects that have all.
 
     Parameters
     ----------
     cohort : Cohort
     groomed : mapping of str to sequence of GroomedSubject
-        By structure, in the order of the cohort.
+        By structure, the subjects that have it in the order of the cohort.
     settings : RunSettings
         Of all structures.
     device : str
         Warp's device alias.
     tick : Tick
-    project : ProjectFolder
+    project : ProjectFolder, optional
         Stores registrations.
+    prior : PriorResult, optional
+        Initial result.
+    folders : mapping of str to Path, optional
+        Where the groomed subjects of each structure are, if `groomed` has only their outlines: shapes are
+        then read from there on each access.
 
     Returns
     -------
     OptimizationInput
-        Of the subjects, with those of the structures as `parts`.
+        Of the subjects that have all structures, with those of the structures as `parts`.
     """
     share = 1.0 / (1 + len(groomed))
-    parts = {
-        name: prepare_inputs(
-            cohort,
+    optimize = settings.optimize
+
+    def prepared(number: int, name: str, own: RunSettings) -> OptimizationInput:
+        have = {item.name for item in groomed[name]}
+        return prepare_inputs(
+            _only(cohort, have),
             groomed[name],
             own,
             device,
             part_of(tick, number * share, (number + 1) * share),
-            registrations=project.structure(name).registrations,
+            prior=None if prior is None else prior.parts[name],
+            registrations=None if project is None else project.structure(name).registrations,
+            folder=None if folders is None else folders[name],
         )
-        for number, (name, own) in enumerate(settings.of_structures.items())
+
+    parts = {
+        name: prepared(number, name, own) for number, (name, own) in enumerate(settings.of_structures.items())
     }
-    annotated = [
-        joined_subject(dict(zip(parts, items, strict=True)))
-        for items in zip(*(part.groomed for part in parts.values()), strict=True)
-    ]
-    if settings.optimize.align_by is not None:
-        alignments = np.stack([shape.alignment for shape in parts[settings.optimize.align_by].shapes])
-    else:
+    if optimize.landmarks and prior is None:
+        marked = with_landmarks_of_structures({name: part.shapes for name, part in parts.items()}, cohort)
+        parts = {name: replace(part, shapes=marked[name]) for name, part in parts.items()}
+    rows = [{item.name: row for row, item in enumerate(part.groomed)} for part in parts.values()]
+    everything = set(rows[0]).intersection(*rows[1:])
+    whole = _only(cohort, everything)
+    annotated = _with_other_places(
+        [
+            joined_subject(
+                {
+                    name: part.groomed[row[subject.name]]
+                    for (name, part), row in zip(parts.items(), rows, strict=True)
+                }
+            )
+            for subject in whole.subjects
+        ],
+        parts,
+    )
+    known = None if prior is None else prior.alignments
+    if optimize.align_by is None:
         _, alignments = align_cohort(
-            cohort, annotated, settings.groom, part_of(tick, 1.0 - share, 1.0), cache=project.registrations
+            whole,
+            annotated,
+            settings.groom,
+            part_of(tick, 1.0 - share, 1.0),
+            known=known,
+            cache=None if project is None else project.registrations,
         )
-    annotated = _with_other_places(annotated, parts)
-    shapes = [
-        Shape(item.name, item.field, item.mesh, item.coarse_mesh, alignment, parts=own)
-        for item, alignment, own in zip(
-            annotated, alignments, zip(*(part.shapes for part in parts.values()), strict=True), strict=True
+    else:
+        lead = list(parts).index(optimize.align_by)
+        shapes = parts[optimize.align_by].shapes
+        alignments = np.stack([shapes[rows[lead][item.name]].alignment for item in annotated])
+
+    def joined_shape(index: int) -> Shape:
+        own = annotated[index]
+        if folders is not None:
+            here = {name: read_groomed(folder, own.name) for name, folder in folders.items()}
+            own = joined_subject(here)
+        return Shape(own.name, own.field, own.mesh, own.coarse_mesh, alignments[index])
+
+    if folders is not None:
+        return OptimizationInput(
+            whole, settings, annotated, OnDemand(len(annotated), joined_shape), "", device, parts, cohort
         )
-    ]
-    every = [*shapes, *(shape for part in parts.values() for shape in part.shapes)]
+    placed = [joined_shape(index) for index in range(len(annotated))]
+    if prior is not None:
+        placed = prior.shapes(placed)
+    every = [*placed, *(shape for part in parts.values() for shape in part.shapes)]
     fingerprint = run_fingerprint(settings.placing, every, tick)
-    return OptimizationInput(cohort, settings, annotated, shapes, fingerprint, device, parts)
+    return OptimizationInput(whole, settings, annotated, placed, fingerprint, device, parts, cohort)
+
+
+def _only(cohort: Cohort, names: set[str]) -> Cohort:
+    return cohort.without({subject.name for subject in cohort.subjects} - names)
 
 
 def _with_other_places(
@@ -124,10 +180,12 @@ def _with_other_places(
     """
     result = list(subjects)
     size = float(np.median([rms_radius(item.coarse_mesh.vertices) for item in subjects]))
-    centres = {
-        name: np.stack([item.mesh.vertices.mean(axis=0) for item in part.groomed])
+    names = [item.name for item in subjects]
+    middles = {
+        name: {item.name: item.mesh.vertices.mean(axis=0) for item in part.groomed}
         for name, part in parts.items()
     }
+    centres = {name: np.stack([own[subject] for subject in names]) for name, own in middles.items()}
     for first, second in combinations(parts, 2):
         distances = np.linalg.norm(centres[first] - centres[second], axis=1)
         usual = float(np.median(distances))

@@ -50,6 +50,8 @@ class TableCache:
         tick: Tick = no_tick,
     ) -> list[GeodesicTable]:
         """Return tables as `homolog.geodesics.solve_tables` does; stored tables are read from the folder."""
+        if not meshes:
+            return []
         plan = plan_tables(meshes, d_max, names=names, tick=tick)
         paths = [table_path(self._folder, task) for task in plan.tasks]
         tables: dict[Path, GeodesicTable] = {}

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from homolog.correspondence import Shape, optimize
+from homolog.correspondence import InitialParticles, Shape, StructureShapes, optimize, optimize_jointly
 from homolog.errors import Cancelled, InputError
 from homolog.settings import OptimizeSettings, Procrustes
 from homolog.statistics.procrustes import align
@@ -14,6 +14,7 @@ from homolog.surfaces.mesh import joined
 SETTINGS = OptimizeSettings(
     particles=48, split_iterations=10, anneal_iterations=40, settle_iterations=60, procrustes=Procrustes.RIGID
 )
+BRIEF = SETTINGS.model_copy(update={"split_iterations": 5, "anneal_iterations": 10, "settle_iterations": 20})
 ANGLES = np.radians([-20.0, -8.0, 0.0, 7.0, 21.0])
 
 
@@ -32,9 +33,25 @@ def moved(shape, pose):
     return Shape(shape.name, field, *meshes, np.linalg.inv(pose))
 
 
-def subject(parts):
+def whole(parts, alignment):
     meshes = joined([part.mesh for part in parts]), joined([part.coarse_mesh for part in parts])
-    return Shape(parts[0].name, parts[0].field, *meshes, np.eye(4), parts=tuple(parts))
+    return Shape(parts[0].name, parts[0].field, *meshes, alignment)
+
+
+def together(subjects, *, counts=(48, 48), settings=SETTINGS, sides=None, initial=(None, None), **options):
+    """Optimize subjects, each of which has a shape or None for each structure."""
+    structures = [
+        StructureShapes(
+            [shape for shape in shapes if shape is not None],
+            settings.model_copy(update={"particles": count}),
+            own,
+        )
+        for shapes, count, own in zip(zip(*subjects, strict=True), counts, initial, strict=True)
+    ]
+    wholes = [
+        whole(parts, (sides or {}).get(parts[0].name, np.eye(4))) for parts in subjects if None not in parts
+    ]
+    return optimize_jointly(wholes, structures, device="cpu", **options)
 
 
 @pytest.fixture(scope="module")
@@ -42,11 +59,9 @@ def subjects(make_shape):
     """Return five subjects with a structure that grows in one axis, and one beside it that only turns."""
     turning = make_shape("turning", (5.0, 11.0, 8.0))
     return [
-        subject(
-            [
-                dataclasses.replace(make_shape(f"s{k}", (12.0, 9.0, 6.0 + 0.5 * k))),
-                dataclasses.replace(moved(turning, placed(angle, (25.0, 0.0, 0.0))), name=f"s{k}"),
-            ]
+        (
+            make_shape(f"s{k}", (12.0, 9.0, 6.0 + 0.5 * k)),
+            dataclasses.replace(moved(turning, placed(angle, (25.0, 0.0, 0.0))), name=f"s{k}"),
         )
         for k, angle in enumerate(ANGLES)
     ]
@@ -54,15 +69,15 @@ def subjects(make_shape):
 
 @pytest.fixture(scope="module")
 def result(subjects):
-    return optimize(subjects, SETTINGS, device="cpu")
+    return together(subjects)
 
 
 def test_the_particles_of_a_subject_are_those_of_its_structures(result, subjects):
     assert result.local.shape == (5, 96, 3)
     assert np.array_equal(result.local, np.concatenate([part.local for part in result.parts], axis=1))
     for number, part in enumerate(result.parts):
-        for shape, points in zip(subjects, part.local, strict=True):
-            field = shape.parts[number].field
+        for parts, points in zip(subjects, part.local, strict=True):
+            field = parts[number].field
             assert np.abs(field.sample_values(points)).max() < 0.2 * field.spacing
 
 
@@ -79,13 +94,13 @@ def test_a_structure_that_only_turns_has_no_variation_of_its_own(result):
 
 
 def test_subjects_can_be_aligned_by_one_structure(subjects):
-    first = optimize(subjects, SETTINGS, device="cpu", align_by=0)
+    first = together(subjects, align_by=0)
     own = first.world[:, :48]
     assert np.allclose(align(own, scaling=False).var(axis=0).sum(), own.var(axis=0).sum(), rtol=1e-3)
 
 
 def test_the_particles_of_the_other_structure_count_for_the_ensemble(result, subjects):
-    alone = optimize([shape.parts[0] for shape in subjects], SETTINGS, device="cpu")
+    alone = optimize([parts[0] for parts in subjects], SETTINGS, device="cpu")
     assert not np.array_equal(alone.local, result.parts[0].local)
     assert np.allclose(alone.local, result.parts[0].local, atol=1.5)
 
@@ -98,17 +113,17 @@ def test_a_cancelled_run_of_several_structures_ends_as_if_it_had_not_been(result
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        optimize(subjects, SETTINGS, device="cpu", checkpoint=saved.append, tick=tick)
-    again = optimize(subjects, SETTINGS, device="cpu", resume=saved[-1])
+        together(subjects, checkpoint=saved.append, tick=tick)
+    again = together(subjects, resume=saved[-1])
     assert np.array_equal(again.local, result.local)
     assert np.array_equal(again.world, result.world)
 
 
 def test_a_checkpoint_of_one_structure_does_not_continue_several(subjects):
     saved = []
-    optimize([shape.parts[0] for shape in subjects], SETTINGS, device="cpu", checkpoint=saved.append)
+    optimize([parts[0] for parts in subjects], SETTINGS, device="cpu", checkpoint=saved.append)
     with pytest.raises(InputError, match="another cohort"):
-        optimize(subjects, SETTINGS, device="cpu", resume=saved[0])
+        together(subjects, resume=saved[0])
 
 
 def test_mirrored_subjects_stay_mirrored(subjects):
@@ -119,12 +134,40 @@ def test_mirrored_subjects_stay_mirrored(subjects):
         meshes = shape.mesh.placed(flip), shape.coarse_mesh.placed(flip)
         return Shape(shape.name, field, *meshes, shape.alignment @ flip)
 
-    mixed = [
-        dataclasses.replace(subject([image(part) for part in shape.parts]), alignment=flip)
-        if k % 2
-        else shape
-        for k, shape in enumerate(subjects)
-    ]
-    both, same = (optimize(shapes, SETTINGS, device="cpu") for shapes in (mixed, subjects))
+    mixed = [tuple(map(image, parts)) if number % 2 else parts for number, parts in enumerate(subjects)]
+    both, same = together(mixed, sides={"s1": flip, "s3": flip}), together(subjects)
     assert (np.linalg.det(both.alignments[:, :3, :3]) < 0.0).tolist() == [False, True, False, True, False]
     assert np.allclose(both.world, same.world, atol=1e-2)
+
+
+def test_structures_have_as_many_particles_as_each_needs(subjects):
+    saved = []
+    few = together(subjects, counts=(300, 24), settings=BRIEF, checkpoint=saved.append)
+    assert [part.local.shape[1] for part in few.parts] == [300, 24]
+    assert few.world.shape == (5, 324, 3)
+    early = next(item for item in saved if item.positions.shape[1] == 150)
+    assert early.others[0].positions.shape[1] == 24
+    again = together(subjects, counts=(300, 24), settings=BRIEF, resume=early)
+    assert np.array_equal(again.local, few.local)
+
+
+def test_a_subject_takes_part_with_the_structures_that_it_has(subjects):
+    lacking = [*subjects[:4], (subjects[4][0], None)]
+    some = together(lacking)
+    assert some.world.shape == (4, 96, 3)
+    assert [part.local.shape for part in some.parts] == [(5, 48, 3), (4, 48, 3)]
+    assert np.array_equal(some.local[:, :48], some.parts[0].local[:4])
+    without = together(subjects[:4])
+    assert not np.array_equal(without.local, some.local)
+
+
+def test_new_subjects_are_fitted_to_particles_that_stay(subjects):
+    before = together(subjects[:4])
+    known = np.array([True] * 4 + [False])
+    start = [
+        InitialParticles(np.concatenate([part.local, part.local[:1]]), np.repeat(~known[:, None], 48, axis=1))
+        for part in before.parts
+    ]
+    after = together(subjects, initial=start)
+    assert np.array_equal(after.local[:4], before.local)
+    assert not np.array_equal(after.local[4], before.local[0])

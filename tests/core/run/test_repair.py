@@ -30,7 +30,7 @@ def moved(local):
 
 def test_a_written_result_is_read_back_with_its_note_and_its_history(project):
     before, local = project.read(), moved(read_result(project).local)
-    write_repaired(project, local, {"a": "exchanged by a test"})
+    write_repaired(project, {"": local}, {"a": "exchanged by a test"})
     after, result = project.read(), read_result(project)
     np.testing.assert_array_equal(result.local, local)
     world = np.einsum("mij,mnj->mni", result.alignments[:, :3, :3], local) + result.alignments[:, None, :3, 3]
@@ -53,7 +53,7 @@ def test_a_result_that_cannot_be_written_leaves_the_former_one(project, monkeypa
 
     monkeypatch.setattr("homolog.run.result.write_table", fails)
     with pytest.raises(InputError, match="disk is full"):
-        write_repaired(project, moved(read_result(project).local), {})
+        write_repaired(project, {"": moved(read_result(project).local)}, {})
     after = {path: path.read_bytes() for path in project.folder.rglob("*") if path.is_file()}
     assert {path: after.get(path) for path in before} == before
 

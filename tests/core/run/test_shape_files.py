@@ -38,7 +38,7 @@ def test_particles_torn_apart_along_a_mode_are_smoothed_over_and_told(project):
     amounts = np.linspace(-8.0, 8.0, len(local))
     patch = np.argsort(np.linalg.norm(local[0] - local[0, 0], axis=1))[:6]
     local[:, patch, 2] += amounts[:, None]
-    write_repaired(project, local, {})
+    write_repaired(project, {"": local}, {})
     result, record = read_result(project), project.read().result
     assert record.smoothed_particles == np.count_nonzero(result.smoothing) > 0
     assert f"smoothed around {record.smoothed_particles} particles" in record.surface_text

@@ -1,17 +1,19 @@
 """Runs of several structures: what comes in, what is on disk, and who is left out."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from homolog.cohort import read_cohort
+from homolog.cohort import Cohort, read_cohort
 from homolog.errors import InputError
 from homolog.geometry import transform_points
+from homolog.io.markups import write_markups
 from homolog.io.meshes import read_mesh, write_mesh
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_result, read_surface
-from homolog.run import FinishReason, Run, is_result_of
+from homolog.run import FinishReason, Run, adds_particles, is_result_of
 from homolog.surfaces.mesh import TriangleMesh
 
 
@@ -133,6 +135,12 @@ def test_a_subject_without_a_structure_is_named_and_can_be_left_out(folder, sett
     kept = Run(ProjectFolder(tmp_path / "project"), cohort, settings, skip_bad=True)
     assert kept.execute() is FinishReason.COMPLETED
     assert read_result(kept.project).names == ("a", "c", "d")
+    structures = {name: read_result(kept.project.structure(name)) for name in ("long", "flat")}
+    assert structures["long"].names == ("a", "b", "c", "d")
+    assert structures["flat"].names == ("a", "c", "d")
+    assert np.array_equal(structures["long"].local[[0, 2, 3]], read_result(kept.project).local[:, :48])
+    assert list(kept.project.structure("flat").read().excluded) == ["b"]
+    assert [item.name for item in kept.project.cohort().subjects] == ["a", "b", "c", "d"]
 
 
 def test_structures_in_different_frames_are_noted(folder, settings, tmp_path):
@@ -146,26 +154,12 @@ def test_structures_in_different_frames_are_noted(folder, settings, tmp_path):
     assert [name for name, note in noted.items() if "different coordinate systems" in note] == ["c"]
 
 
-@pytest.mark.parametrize("what", ["a core set", "landmarks", "a result"])
-def test_what_needs_a_single_structure_is_refused(folder, settings, tmp_path, what):
-    changes = {"a core set": {"core_set": 3}, "landmarks": {"landmarks": True}, "a result": {}}
-    optimize = settings.optimize.model_copy(update=changes[what])
-    run = Run(
-        ProjectFolder(tmp_path),
-        read_cohort(folder),
-        settings.model_copy(update={"optimize": optimize}),
-        from_result=what == "a result",
-    )
-    with pytest.raises(InputError, match=what):
-        run.execute()
-
-
 def test_an_unknown_structure_to_align_by_is_refused(folder, settings, tmp_path):
     optimize = settings.optimize.model_copy(update={"align_by": "round"})
     run = Run(
         ProjectFolder(tmp_path), read_cohort(folder), settings.model_copy(update={"optimize": optimize})
     )
-    with pytest.raises(InputError, match="none of the structures to align by: long, flat"):
+    with pytest.raises(InputError, match="round: is none of the structures: long, flat"):
         run.execute()
 
 
@@ -196,3 +190,88 @@ def test_a_project_opened_in_python_has_its_structures_and_their_poses(project):
         opened.relative_poses("round")
     with pytest.raises(InputError, match="a single structure"):
         opened.structures["flat"].relative_poses()
+
+
+def changed(settings, **optimize):
+    return settings.model_copy(update={"optimize": settings.optimize.model_copy(update=optimize)})
+
+
+def test_a_new_subject_is_fitted_and_the_others_stay_as_they_are(folder, settings, tmp_path):
+    cohort = read_cohort(folder)
+    project = ProjectFolder(tmp_path / "project")
+    Run(project, cohort.without({"d"}), settings).execute()
+    before = read_result(project)
+    Run(project, cohort, settings, from_result=True).execute()
+    after = read_result(project)
+    assert after.names == ("a", "b", "c", "d")
+    assert np.array_equal(after.local[:3], before.local)
+    assert np.array_equal(after.alignments[:3], before.alignments)
+    for part in after.parts:
+        own = read_result(project.structure(part.name))
+        assert np.array_equal(own.local, after.local[:, part.particles])
+    surface = read_surface(project, project.read().result.subjects[3])
+    gaps = np.linalg.norm(after.local[3][:, None] - surface.vertices, axis=2).min(axis=1)
+    assert gaps.max() < surface.mean_edge
+
+
+def test_a_new_subject_without_a_structure_is_fitted_to_the_others(folder, settings, tmp_path):
+    shutil.copytree(folder, tmp_path / "scans")
+    (tmp_path / "scans" / "d" / "flat.ply").unlink()
+    cohort = read_cohort(tmp_path / "scans")
+    project = ProjectFolder(tmp_path / "project")
+    Run(project, cohort.without({"d"}), settings).execute()
+    before = read_result(project)
+    Run(project, cohort, settings, from_result=True, skip_bad=True).execute()
+    assert np.array_equal(read_result(project).local, before.local)
+    assert read_result(project.structure("long")).names == ("a", "b", "c", "d")
+    assert read_result(project.structure("flat")).names == ("a", "b", "c")
+
+
+def test_particles_are_added_to_one_of_the_structures(folder, settings, tmp_path):
+    project = ProjectFolder(tmp_path / "project")
+    cohort = read_cohort(folder)
+    few = changed(settings, structure_particles="flat=24")
+    Run(project, cohort, few).execute()
+    assert [part.particles for part in read_result(project).parts] == [slice(0, 48), slice(48, 72)]
+    assert adds_particles(project.read().result, cohort, settings)
+    assert not adds_particles(project.read().result, cohort, few)
+    Run(project, cohort, settings, from_result=True).execute()
+    assert [part.particles for part in read_result(project).parts] == [slice(0, 48), slice(48, 96)]
+
+
+def test_a_core_set_of_several_structures_gives_all_subjects_particles(folder, settings, tmp_path):
+    project = ProjectFolder(tmp_path / "project")
+    Run(project, read_cohort(folder), changed(settings, core_set=3)).execute()
+    result = read_result(project)
+    assert result.names == ("a", "b", "c", "d")
+    assert np.allclose(transform_points(result.alignments, result.local), result.world, atol=1e-9)
+    for part in result.parts:
+        own = read_result(project.structure(part.name))
+        assert np.array_equal(own.local, result.local[:, part.particles])
+    middles = [result.world[:, part.particles].mean(axis=1) for part in result.parts]
+    assert np.allclose(np.linalg.norm(middles[1] - middles[0], axis=1), [14.0, 15.0, 16.0, 17.0], atol=0.5)
+    assert np.ptp(middles[0], axis=0).max() < 2.0
+
+
+def test_a_landmark_belongs_to_the_structure_on_which_it_lies(folder, settings, tmp_path):
+    shutil.copytree(folder, tmp_path / "scans")
+    files = {name: tmp_path / "scans" / name / f"{name}.mrk.json" for name in "abcd"}
+    for k, file in enumerate(files.values()):
+        write_markups(file, np.array([[9.0, 0.0, 0.0], [17.0 + k, 0.0, 0.0]]), ["tip", "side"])
+    cohort = read_cohort(tmp_path / "scans")
+    marked = Cohort(
+        tuple(replace(item, landmarks=files[item.name]) for item in cohort.subjects), cohort.folder
+    )
+    project = ProjectFolder(tmp_path / "project")
+    Run(project, marked, changed(settings, landmarks=True)).execute()
+    result = read_result(project)
+    first = {part.name: result.local[:, part.particles.start] for part in result.parts}
+    assert np.allclose(first["long"], [9.0, 0.0, 0.0], atol=2.5)
+    assert np.allclose(first["flat"], [[17.0 + k, 0.0, 0.0] for k in range(4)], atol=2.5)
+
+
+def test_settings_of_an_unknown_structure_are_refused(folder, settings, tmp_path):
+    groom = settings.groom.model_copy(update={"structure_grooming": "round:smoothing=0.5"})
+    run = Run(ProjectFolder(tmp_path), read_cohort(folder), settings.model_copy(update={"groom": groom}))
+    with pytest.raises(InputError, match="round: is none of the structures"):
+        run.execute()

@@ -137,7 +137,7 @@ class InspectionState(QObject):
             from homolog.run.repair import write_repaired
 
             if same_run:
-                write_repaired(project, result.result.local, notes, tick)
+                write_repaired(project, {"": result.result.local}, notes, tick)
                 recorder = Recorder()
                 recorder.frames = list(result.frames)
                 recorder.write(project)
@@ -157,7 +157,8 @@ class InspectionState(QObject):
         version = self._version
         if version is not None:
             inspection = version.inspection
-            write_suspects(path, rows(inspection, inspection.suspects, version.loaded.result.names))
+            names = version.loaded.result.names
+            write_suspects(path, {"": rows(inspection, inspection.suspects, names)})
 
     def _receive_written(self, loaded: LoadedResult) -> None:
         self._workspace.session.written = loaded
