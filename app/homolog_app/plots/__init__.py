@@ -4,8 +4,10 @@ A function named `draw_` takes axes, data and the scheme's colours. It needs no 
 """
 
 from homolog_app.plots.groups import (
+    ALLOMETRY,
     discriminant_points,
     draw_allometry,
+    draw_along,
     draw_boxes,
     draw_discriminant,
     draw_measure,
@@ -29,10 +31,12 @@ from homolog_app.plots.model import (
 from homolog_app.plots.names import draw_all_names, draw_subjects
 
 __all__ = [
+    "ALLOMETRY",
     "DPI",
     "discriminant_points",
     "draw_all_names",
     "draw_allometry",
+    "draw_along",
     "draw_boxes",
     "draw_discriminant",
     "draw_energies",

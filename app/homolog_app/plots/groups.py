@@ -30,8 +30,10 @@ if TYPE_CHECKING:
     from homolog.statistics.welch import GroupMeasure
 
 __all__ = [
+    "ALLOMETRY",
     "discriminant_points",
     "draw_allometry",
+    "draw_along",
     "draw_boxes",
     "draw_discriminant",
     "draw_measure",
@@ -41,6 +43,9 @@ __all__ = [
     "draw_value",
     "percentile_rows",
 ]
+
+ALLOMETRY = ("regression score (mm)", "predicted (mm)")
+"""What is drawn along a number: shapes along the mean slope, and the lines that the design predicts."""
 
 _WAVE = 2.4  # phase step between subjects [rad], so that neighbours do not hide each other
 _BOX = 0.28
@@ -153,13 +158,18 @@ def draw_allometry(
         Name of the number.
     colours : Colours
     """
-    for axes, places, name in zip(
-        panels, (along.scores, along.predicted), ("regression score (mm)", "predicted (mm)"), strict=True
-    ):
-        draw_scores(axes, np.column_stack([values, places]), groups, (number, name), colours)
-        for own, limit in ((values, axes.set_xlim), (places, axes.set_ylim)):
-            rim = 0.06 * float(np.ptp(own))
-            limit(own.min() - rim, own.max() + rim)
+    for axes, places, name in zip(panels, (along.scores, along.predicted), ALLOMETRY, strict=True):
+        draw_along(axes, np.column_stack([values, places]), groups, (number, name), colours)
+
+
+def draw_along(
+    axes: Axes, points: FloatArray, groups: Sequence[str], labels: tuple[str, str], colours: Colours
+) -> None:
+    """Draw subjects (M, 2) along a number, as large as they fit."""
+    draw_scores(axes, points, groups, labels, colours)
+    for own, limit in zip(points.T, (axes.set_xlim, axes.set_ylim), strict=True):
+        rim = 0.06 * float(np.ptp(own))
+        limit(own.min() - rim, own.max() + rim)
 
 
 def draw_boxes(

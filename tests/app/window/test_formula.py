@@ -2,6 +2,7 @@
 
 import shlex
 
+import numpy as np
 import pytest
 
 pytestmark = [pytest.mark.window, pytest.mark.own_window]
@@ -70,6 +71,13 @@ def test_a_formula_is_answered_by_term_kept_and_shown_again(page, window, wait, 
     assert page.verdict.text().startswith("slot")
     assert "Size: " in page.effect.text()
     assert page.answers[0].ends[0].startswith("slot ")
+    assert page.plots.labels == ("slot", "regression score (mm)")
+    page.plots.set_option("Predicted lines", True)
+    assert page.plots.labels == ("slot", "predicted (mm)")
+    assert set(page.plots.groups) == {"A", "B"}
+    for level in "AB":  # each on a line
+        own = page.plots.points[[group == level for group in page.plots.groups]]
+        assert abs(np.corrcoef(own.T)[0, 1]) > 0.99
     page.choose_pair(0, 2)
     wait(lambda: page.answers[0].first == "sum of effects", seconds=100, what="for the map")
     assert "slopes of slot by scanner" in page.summary.text()

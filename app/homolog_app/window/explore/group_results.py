@@ -7,6 +7,7 @@ import numpy as np
 from PySide6.QtCore import QMargins, QRect, Qt, QTimer, Signal
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QTreeWidget, QTreeWidgetItem, QWidget
 
+from homolog.comparison.formula import FormulaAnswer
 from homolog.comparison.question import ALIGNED, Question
 from homolog.comparison.stored import StoredAnswer
 from homolog.statistics.cautions import LEVEL, p_number, p_text
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from homolog.comparison.answer import Answer
+    from homolog.statistics.anova import Allometry
     from homolog.statistics.comparison import Comparison
     from homolog.statistics.effects import Effect
     from homolog_app.studies.answers import Answers, GroupAnswer
@@ -36,6 +38,8 @@ _TIPS = (
     "Permutation test of the whole shape; corrected for pairs of groups (Holm)",
     f"Share of the surface with p ≤ {LEVEL:g}, corrected over the surface and pairs",
 )
+PREDICTED = "Predicted lines"
+"""Option of a plot along a number: what the formula predicts, in place of regression scores."""
 _MOST_ROWS = 8
 _MARGIN, _TALL = 11, 10_000  # pixels: padding of a cell (style sheet and Qt); unlimited height
 _PLACE = Qt.ItemDataRole.UserRole
@@ -295,6 +299,8 @@ class GroupPlot(ScatterPlot):
             self.show_scores(np.empty((0, 2)), (), (), ("", ""))
             return
         self._answer = answer
+        if (along := self._allometry) is None:
+            self.options.pop(PREDICTED, None)
         names = [answer.shape.result.names[subject] for subject in answer.subjects]
         if answer.values is None:
             from homolog_app.plots import discriminant_points
@@ -305,16 +311,36 @@ class GroupPlot(ScatterPlot):
             self.ends = float(answer.places[~second].mean()), float(answer.places[second].mean())
             line = _line(answer)
             self.title, label = f"Subjects along the {line}", f"position along the {line} (mm)"
-        else:
-            groups, points = answer.groups, np.column_stack([answer.values, answer.places])
-            self.ends = float(answer.values.min()), float(answer.values.max())
-            label = answer.pair.title
-            self.title = f"Subjects by {label}"
-        self.show_scores(points, names, groups, (label, ""))
+            self.show_scores(points, names, groups, (label, ""))
+            return
+        self.ends = float(answer.values.min()), float(answer.values.max())
+        groups, places, way = answer.groups, answer.places, ""
+        if along is not None:
+            from homolog_app.plots import ALLOMETRY
+
+            is_predicted = self.options.setdefault(PREDICTED, False)
+            places, way = (along.scores, along.predicted)[is_predicted], ALLOMETRY[is_predicted]
+            groups = [answer.study.labels[subject] for subject in answer.subjects]
+        self.title = f"Subjects by {answer.pair.title}"
+        self.show_scores(np.column_stack([answer.values, places]), names, groups, (answer.pair.title, way))
+
+    @property
+    def _allometry(self) -> "Allometry | None":
+        """How shape changes along the number shown, of a formula."""
+        study = None if self._answer is None else self._answer.study
+        if self._answer is None or not isinstance(study, FormulaAnswer):
+            return None
+        return dict(study.allometry).get(self._answer.pair.title)
+
+    def set_option(self, text: str, shown: bool) -> None:
+        """Switch one of the options."""
+        super().set_option(text, shown)
+        if text == PREDICTED:
+            self.show_answer(self._answer)
 
     def draw_data(self, axes: "Axes") -> None:
         """Draw the groups, or the line of the regression among the subjects."""
-        from homolog_app.plots import draw_discriminant, draw_slope, group_order
+        from homolog_app.plots import draw_along, draw_discriminant, draw_slope, group_order
 
         answer, colours = self._answer, self.theme.colours
         assert answer is not None
@@ -324,6 +350,9 @@ class GroupPlot(ScatterPlot):
             order = group_order(answer.study.labels if answer.study.question.between else answer.groups)
             two = answer.first, answer.second
             draw_discriminant(axes, answer.places, second, two, order, colours, along=_line(answer))
+            return
+        if self._allometry is not None:
+            draw_along(axes, self.points, self.groups, self.labels, colours)
             return
         slope = float(np.linalg.norm(answer.pair.pointwise.effect[0])) / np.sqrt(len(answer.pair.mean))
         column = answer.pair.title
