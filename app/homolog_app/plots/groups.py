@@ -167,9 +167,9 @@ def draw_along(
 ) -> None:
     """Draw subjects (M, 2) along a number, as large as they fit."""
     draw_scores(axes, points, groups, labels, colours)
-    for own, limit in zip(points.T, (axes.set_xlim, axes.set_ylim), strict=True):
-        rim = 0.06 * float(np.ptp(own))
-        limit(own.min() - rim, own.max() + rim)
+    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = low - 0.06 * (high - low), high + 0.06 * (high - low)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
 
 
 def draw_boxes(

@@ -66,7 +66,7 @@ class ModeTest:
     p_modes : float
         p in the retained modes, scaled to unit variance.
     permuted : bool
-        Whether rows were permuted, as with up to ten rows along a number; otherwise signs were flipped.
+        Whether rows were permuted, as with up to twelve rows along a number; otherwise signs were flipped.
     parallel : ParallelAnalysis
         The choice of modes.
     warnings : tuple of str

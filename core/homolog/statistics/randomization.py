@@ -10,8 +10,8 @@ Bell and McCaffrey 2002), anew for each flip. This is the wild bootstrap with th
 dispersions change along the design, so that few dispersed subjects don't determine the common mean.
 
 Permuting subjects instead gives all of them one covariance: it is exact if covariances are equal, but finds
-effects where only dispersions differ. It is used where signs are too few: up to ten rows, if they have more
-permutations than flips, as along a number, or so few that no p can be 0.05. The statistic is the same.
+effects where only dispersions differ. It is used where signs are too few: up to twelve rows, if they have
+more permutations than flips, as along a number, or so few that no p can be 0.05. The statistic is the same.
 """
 
 from collections import Counter
@@ -45,8 +45,8 @@ MANY = 300
 compared with independent rows, whose effect is of the order of 1 / rows."""
 LEVEL = 0.05
 """Significance level of corrected p-values."""
-LEAST_FLIPS = 1000
-"""Fewer flips than this can't show p < 0.001."""
+LEAST_FLIPS = 4000
+"""Of fewer flips than this, a p of 0.001 rests on three or fewer."""
 _ROUNDING = 1e-9
 """Statistics with a smaller relative difference are equal."""
 _LEAST_LEFT = 1e-9

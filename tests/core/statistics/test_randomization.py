@@ -93,7 +93,7 @@ def test_few_rows_along_a_number_are_permuted_and_groups_and_many_rows_flipped()
     assert Randomization(number).count == 5039
     assert not Randomization(groups).permuted
     assert Randomization(groups).count == 127
-    assert not Randomization(regression_design(np.arange(11.0))).permuted
+    assert not Randomization(regression_design(np.arange(13.0))).permuted
 
 
 def test_a_strong_effect_in_eight_rows_is_found():

@@ -320,7 +320,7 @@ class GroupPlot(ScatterPlot):
 
             is_predicted = self.options.setdefault(PREDICTED, False)
             places, way = (along.scores, along.predicted)[is_predicted], ALLOMETRY[is_predicted]
-            groups = [answer.study.labels[subject] for subject in answer.subjects]
+            groups = tuple(answer.study.labels[subject] for subject in answer.subjects)
         self.title = f"Subjects by {answer.pair.title}"
         self.show_scores(np.column_stack([answer.values, places]), names, groups, (answer.pair.title, way))
 
