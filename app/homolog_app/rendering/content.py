@@ -75,6 +75,8 @@ class Content:
         Whether arrows and lines behind the surface are faintly visible through it.
     overlaid : bool
         Whether `groomed` is drawn transparent over `raw`, regardless of the user's choice of surfaces.
+    faded : bool
+        Whether `raw` is what was cut away of `groomed`; it is drawn faintly, whatever the user chose to see.
     numbers : Numbers, optional
         Drawn in front of everything.
     titled : bool
@@ -93,6 +95,7 @@ class Content:
     lines: FloatArray | None = None
     through: bool = False
     overlaid: bool = False
+    faded: bool = False
     numbers: Numbers | None = None
     titled: bool = True
 

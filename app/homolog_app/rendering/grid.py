@@ -216,7 +216,8 @@ class ViewCell:
         Fast drawing uses the simplified surface, unless the full one has colours at its vertices.
         """
         overlaid = self.content is not None and self.content.overlaid
-        raw, groomed, opacity = display.raw or overlaid, display.groomed, display.opacity
+        faded = self.content is not None and self.content.faded and "raw" in self._placed
+        raw, groomed, opacity = display.raw or overlaid or faded, display.groomed, display.opacity
         both = raw and groomed and "groomed" in self._placed
         coloured = self.content is not None and self.content.colours is not None
         light = quick and not coloured and "coarse" in self._placed

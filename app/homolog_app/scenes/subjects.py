@@ -2,25 +2,40 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from homolog.arrays import Array, FloatArray
 from homolog.cohort import Subject
+from homolog.errors import InputError
 from homolog.geometry import transform_points
+from homolog.io.constraints import cuts_of, parse_cuts, text_of
 from homolog.io.records import note_kinds
 from homolog.settings import GroomSettings
+from homolog.surfaces.clipping import Cut
+from homolog.surfaces.mesh import TriangleMesh, joined
 from homolog.surfaces.mirroring import mirrors
 from homolog_app.rendering.colours import colours_by_place
 from homolog_app.rendering.content import Content, SubjectContents
 from homolog_app.studies.loaded_result import LoadedResult
+from homolog_app.studies.study import own_text
 
 if TYPE_CHECKING:
     from homolog.grooming import GroomedSubject
     from homolog_app.studies.file_survey import FileSurvey
 
-__all__ = ["Groomed", "Triage", "moment_of", "realigned", "single_subject", "subject_contents"]
+__all__ = [
+    "Groomed",
+    "Triage",
+    "moment_of",
+    "readable_cuts",
+    "realigned",
+    "single_subject",
+    "subject_contents",
+    "whole_surface",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +49,7 @@ class Groomed:
     settings : GroomSettings
         Those of the cohort.
     own : str
-        What differs for this subject: its column ``grooming``.
+        What differs for this subject, as `own_text` has it.
     """
 
     subject: "GroomedSubject"
@@ -110,6 +125,7 @@ def subject_contents(
     are not groomed. Subjects without an alignment are centred.
     """
     alignments = dict(zip(result.result.names, result.result.alignments, strict=True)) if result else {}
+    done = {item.name: own_text(item.columns) for item in result.record.subjects} if result else {}
     turned = dict(zip(alignments, mirrors(result.result.alignments).tolist(), strict=True)) if result else {}
 
     def made(place: int) -> Content:
@@ -121,6 +137,14 @@ def subject_contents(
         if result is not None and subject.name in alignments:
             fine, coarse = result.surfaces[subject.name]
             alignment = alignments[subject.name]
+        own, faded = own_text(subject.columns), False
+        if cuts := readable_cuts(subject):
+            is_cut = own == (done[subject.name] if subject.name in alignments else smooth and smooth.own)
+            whole = raw if is_cut else whole_surface(subject.name, surveys, groomed)
+            if whole is not None:
+                kept, rest = parts_of(whole, text_of(cuts))
+                fine, coarse = (fine, coarse) if is_cut or not len(kept.faces) else (kept, None)
+                raw, faded = rest, rest is not None
         if alignment is None:
             alignment = np.eye(4)
             if raw is not None:
@@ -130,9 +154,40 @@ def subject_contents(
         if fine is None and survey is not None and survey.every > 1:
             notes.append(f"every {_ORDINALS.get(survey.every, f'{survey.every}th')} voxel")
         note = " · ".join(note for note in notes if note)
-        return Content(subject.name, raw, fine, coarse, alignment, note)
+        return Content(subject.name, raw, fine, coarse, alignment, note, faded=faded)
 
     return SubjectContents([subject.name for subject in subjects], made)
+
+
+def readable_cuts(subject: Subject) -> tuple[Cut, ...]:
+    """Return what is cut away of a subject; nothing if its table can't be read, which grooming reports."""
+    try:
+        return cuts_of(subject)
+    except InputError:
+        return ()
+
+
+def whole_surface(
+    name: str, surveys: "Mapping[str, FileSurvey]", groomed: Mapping[str, Groomed]
+) -> TriangleMesh | None:
+    """Return a subject's surface before anything is cut away: groomed, else that of its file."""
+    smooth, survey = groomed.get(name), surveys.get(name)
+    if smooth is not None and "\n" not in smooth.own:
+        return smooth.subject.mesh
+    return survey.surface if survey else None
+
+
+_PARTS = 64
+"""Subjects whose parts are remembered: four pages."""
+
+
+@lru_cache(_PARTS)
+def parts_of(whole: TriangleMesh, text: str) -> tuple[TriangleMesh, TriangleMesh | None]:
+    """Return what cuts keep of a surface, and what they leave out, if anything."""
+    from homolog.grooming.cuts import kept_surface
+
+    kept, rest = kept_surface(whole, parse_cuts(text, ""))
+    return kept, joined(rest) if rest else None
 
 
 _ORDINALS = {2: "second", 3: "third"}

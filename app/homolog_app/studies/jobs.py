@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort, Subject
 from homolog.errors import Cancelled, InputError
@@ -24,11 +26,13 @@ if TYPE_CHECKING:
     from homolog.correspondence import Frame
     from homolog.grooming import GroomedSubject
     from homolog.run import RunStatus
+    from homolog.surfaces.mesh import TriangleMesh
     from homolog_app.studies.file_survey import FileSurvey
 
 __all__ = [
     "Devices",
     "RunJob",
+    "carry_cuts",
     "groom",
     "groom_again",
     "groomed_before",
@@ -154,6 +158,32 @@ def groom_again(
     )
     shapes[name] = next(item for item in aligned if item.name == name)
     return {item.name: (shapes[item.name], place) for item, place in zip(among.subjects, places, strict=True)}
+
+
+def carry_cuts(
+    name: str, text: str, shapes: "Mapping[str, tuple[TriangleMesh, FloatArray]]", tick: Tick
+) -> dict[str, str]:
+    """Return the cuts of all subjects that correspond to those of one of them, as their tables have them.
+
+    Parameters
+    ----------
+    name, text : str
+        The subject, and its cuts.
+    shapes : mapping of str to (TriangleMesh, (4, 4) array)
+        The whole surface of each subject, and its alignment.
+    tick : Tick
+    """
+    from homolog.grooming.subject import COARSE_VERTICES
+    from homolog.io.constraints import parse_cuts, text_of
+    from homolog.run.planes import carried_cuts
+    from homolog.surfaces.simplify import simplified
+
+    names = list(shapes)
+    meshes = [simplified(mesh, COARSE_VERTICES) for mesh, _ in shapes.values()]
+    places = np.stack([place for _, place in shapes.values()])
+    carried = carried_cuts(parse_cuts(text, name), names.index(name), meshes, places, names, tick)
+    texts = {other: text_of(cuts) for other, cuts in zip(names, carried, strict=True)}
+    return texts | {name: text}
 
 
 def groomed_before(

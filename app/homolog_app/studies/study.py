@@ -23,6 +23,7 @@ from homolog.cohort import (
     tables_of_files,
 )
 from homolog.errors import InputError
+from homolog.io.constraints import COLUMN
 from homolog.io.records import ResultRecord
 from homolog.io.results import Result
 from homolog.settings import OWN, RunSettings
@@ -35,9 +36,11 @@ __all__ = [
     "Study",
     "extension_of",
     "outdated_text",
+    "own_text",
     "read_subjects",
     "readings_of",
     "with_current_table",
+    "with_cuts",
     "with_table",
 ]
 
@@ -299,6 +302,24 @@ def extension_of(study: Study, result: ResultRecord) -> Extension:
     )
 
 
+def own_text(columns: Mapping[str, str]) -> str:
+    """Return how a subject is to be groomed in its own way, and in a second line what is cut away of it."""
+    cut = column_of(columns, COLUMN)
+    return column_of(columns, OWN) + (f"\n{cut}" if cut else "")
+
+
+def with_cuts(study: Study, cuts: Mapping[str, str]) -> Study:
+    """Return a study with other cuts of some subjects, by name; an empty text leaves a subject whole."""
+    changed = {}
+    for member in study.members:
+        if member.name in cuts:
+            columns = dict(member.subject.columns)
+            title = next((key for key in columns if key.strip().casefold() == COLUMN), COLUMN)
+            columns[title] = cuts[member.name]
+            changed[member.name] = replace(member, subject=replace(member.subject, columns=columns))
+    return study.with_members(changed)
+
+
 def outdated_text(study: Study, result: ResultRecord, *, settings: bool = True) -> str:
     """Describe changes of the cohort and of settings since a result was computed; empty without changes.
 
@@ -319,8 +340,8 @@ def outdated_text(study: Study, result: ResultRecord, *, settings: bool = True) 
         if getattr(now, name) != getattr(own, name)
     ]
     parts += [f"settings have changed ({_listed(changed)})"] if changed and settings else []
-    own = {subject.name: column_of(subject.columns, OWN) for subject in result.subjects}
-    anew = [item.name for item in study.included if own.get(item.name, "") != column_of(item.columns, OWN)]
+    own = {item.name: own_text(item.columns) for item in result.subjects}
+    anew = [item.name for item in study.included if own.get(item.name, "") != own_text(item.columns)]
     parts += [f"{_listed(anew)} {_are(anew)} to be groomed in another way"] if anew else []
     return f"This result is out of date: {'; '.join(parts)}. Run again to update it." if parts else ""
 

@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from homolog.io.project import ProjectFolder
+from homolog_app.scenes.subjects import readable_cuts
 from homolog_app.window.session import Session
 
 __all__ = ["COMMANDS", "LAYOUTS", "MENUS", "Command", "WindowState", "command", "obstacles"]
@@ -176,6 +177,10 @@ COMMANDS = (
     Command("view.log", "Log", "Show the program's messages.", "View", "Ctrl+L", "log", checkable=True),
     Command("run.groom", "Groom", "Compute smooth surfaces of the included subjects.",
             "Run", "Ctrl+Shift+G", "groom", "cohort", writes=True),
+    Command("edit.carry", "Carry cuts to all", "Cut all subjects at the places that correspond.",
+            "Edit", "", "cut", "cut_selection"),
+    Command("edit.uncut", "Remove cuts", "Leave the selected subjects whole.",
+            "Edit", "", "remove", "cut_selection"),
     Command("run.regroom", "Groom selected again", "Groom only the selected subject.",
             "Run", "", "redo_one", "groomed_selection", ends_section=True, writes=True),
     Command("run.start", "Run", "Place the particles.", "Run", "Ctrl+R", "play", "ready", writes=True),
@@ -283,6 +288,7 @@ _REASONS: Mapping[str, str] = {
     "groomed": "the shapes are not groomed yet",
     "views": "slices are shown; switch them off (4)",
     "groomed_selection": "the selected subject is not groomed yet",
+    "cut_selection": "nothing is cut away of the selected subject",
     "two": _TWO,
     "ready": "the shapes are not groomed yet",
     "busy": "nothing is being computed",
@@ -391,6 +397,9 @@ def _of_idle_study(session: Session, project: ProjectFolder, state: WindowState)
         "selection": chosen,
         "removable": chosen,
         "groomed_selection": chosen and session.selection[0] in session.groomed,
+        "cut_selection": chosen
+        and any(item.name == session.selection[0] and readable_cuts(item) for item in session.study.included)
+        and session.selection[0] in session.groomed,
         "ready": two and (session.is_groomed or result),
         "more": further is not None and further.particles > 0,
         "fit": further is not None and bool(further.subjects),

@@ -16,6 +16,7 @@ from homolog.settings import GroomSettings, OwnGrooming, Pieces, Turn
 from homolog_app.rendering.text import millilitres, signed
 from homolog_app.scenes.subjects import Groomed, Triage
 from homolog_app.window.actions import Actions
+from homolog_app.window.cut_box import CutBox
 from homolog_app.window.form import SettingsPair, resources_form
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Session
@@ -82,7 +83,8 @@ class GroomPanel(Panel):
         self.triage.chosen.connect(self._go_to)
         self.subject, self.report = label("", "SectionTitle", wrap=True), prose("Hint")
         self.cures = Cures(session, actions)
-        fill(self.body, self.form, rule(), self.triage, self.subject, self.report, self.cures, ...)
+        self.cuts = CutBox(actions)
+        fill(self.body, self.form, rule(), self.triage, self.subject, self.report, self.cures, self.cuts, ...)
         self.progress = Progress(actions["run.cancel"])
         self.go = ActionButton("Groom", actions["run.groom"], "primary")
         self.proceed = ActionButton("Next: Correspond", actions["view.correspond"], "primary")
@@ -121,7 +123,7 @@ class GroomPanel(Panel):
             Triage.of({name: item for name, item in session.groomed.items() if name in included}), name
         )
         groomed = session.groomed.get(name)
-        show_all(groomed is not None, self.subject, self.report, self.cures)
+        show_all(groomed is not None, self.subject, self.report, self.cures, self.cuts)
         if groomed is not None:
             self.subject.setText(name)
             self.report.setText(_sentences(groomed))

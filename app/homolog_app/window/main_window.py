@@ -233,6 +233,7 @@ class MainWindow(QMainWindow):
     @Slot()
     def load_views(self) -> None:
         """Create the 3-D views; their import is slow."""
+        from homolog_app.window.cutting import CutTool
         from homolog_app.window.stage import Stage
         from homolog_app.window.views import Views
 
@@ -242,6 +243,7 @@ class MainWindow(QMainWindow):
         explore, table = self.inspector.explore, self.inspector.cohort
         views = Views(self, self.workspace, self.commands, stage, explore, table, self.docks.curves)
         self.views = self.projects.views = self.exporting.views = views
+        CutTool(self.workspace.session, self.inspector.groom.cuts, stage.scene)
         views.layout_changed.connect(self.refresh)
         views.slices_wanted.connect(self.exporting.save_slices)
         views.picture_wanted.connect(self.exporting.open_screenshot)

@@ -148,10 +148,13 @@ class Picker(QObject):
 
     def pick_at(self, at: QPointF) -> None:
         """Emit the object at a position of the widget, if any."""
-        cell = self._cell_at(at)
-        pick = None if cell is None else self._pick_in(cell, *self._pixel(at))
-        if pick is not None:
+        if (pick := self.surface_at(at)) is not None:
             self.picked.emit(pick)
+
+    def surface_at(self, at: QPointF) -> Pick | None:
+        """Return the point of a surface at a position of the widget, if any."""
+        cell = self._cell_at(at)
+        return None if cell is None else self._pick_in(cell, *self._pixel(at))
 
     def _pixel(self, at: QPointF) -> tuple[float, float]:
         """Return a position of the widget in VTK's pixels."""
@@ -210,13 +213,17 @@ class PlaneHandle:
     plot : Interactor
     turned : callable
         Receives the unit normal (3,) and a point (3,) of the plane.
+    drawn : bool
+        Whether the plane itself is drawn.
     """
 
-    def __init__(self, plot: Interactor, turned: "Callable[[FloatArray, FloatArray], object]") -> None:
+    def __init__(
+        self, plot: Interactor, turned: "Callable[[FloatArray, FloatArray], object]", *, drawn: bool = False
+    ) -> None:
         self._turned = turned
         self.plane: Any = vtkImplicitPlaneRepresentation()
         self.plane.SetPlaceFactor(1.0)
-        self.plane.SetDrawPlane(False)
+        self.plane.SetDrawPlane(drawn)
         self.plane.SetDrawOutline(False)
         self.plane.SetOutlineTranslation(False)
         self.plane.SetScaleEnabled(False)
@@ -224,7 +231,11 @@ class PlaneHandle:
         self.widget: Any = vtkImplicitPlaneWidget2()
         self.widget.SetRepresentation(self.plane)
         self.widget.SetInteractor(plot.ren_win.GetInteractor())
-        self._observer = self.widget.AddObserver("InteractionEvent", self._follow)
+        self._observers = [self.widget.AddObserver("InteractionEvent", self._follow)]
+
+    def ended(self, then: "Callable[[], object]") -> None:
+        """Call a function whenever the handle is let go."""
+        self._observers.append(self.widget.AddObserver("EndInteractionEvent", lambda *_: then()))
 
     def show(self, renderer: Any, box: Box, normal: FloatArray, origin: FloatArray) -> None:  # noqa: ANN401
         """Show the handle in a view, with the plane's unit normal and a point of it."""
@@ -241,7 +252,8 @@ class PlaneHandle:
 
     def close(self) -> None:
         """Release the graphics."""
-        self.widget.RemoveObserver(self._observer)
+        for observer in self._observers:
+            self.widget.RemoveObserver(observer)
         self.hide()
         self.widget.SetInteractor(None)
 
@@ -345,6 +357,7 @@ class Scene(QWidget):
     page_changed = Signal()
     display_changed = Signal()
     plane_turned = Signal(object)
+    closing = Signal()
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -664,6 +677,7 @@ class Scene(QWidget):
     def close_scene(self) -> None:
         """Release all VTK objects before the window closes."""
         self.refine_timer.stop()
+        self.closing.emit()
         self.handle.close()
         self.plot.removeEventFilter(self.picker)  # it would receive events of the half destroyed widget
         window: Any = self.plot.ren_win

@@ -15,7 +15,7 @@ from homolog_app.scenes.subjects import Groomed
 from homolog_app.studies.jobs import Devices, RunJob
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.model_shape import PreliminaryModel
-from homolog_app.studies.study import Extension, Member, Study, extension_of
+from homolog_app.studies.study import Extension, Member, Study, extension_of, own_text, with_cuts
 from homolog_app.window.runner import Status
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ class Session(QObject):
     def is_groomed_as_set(self, subject: Subject) -> bool:
         """Whether a subject is groomed with the current settings and what its table says."""
         groomed = self.groomed.get(subject.name)
-        now = self.study.settings.groom, column_of(subject.columns, OWN)
+        now = self.study.settings.groom, own_text(subject.columns)
         return groomed is not None and (groomed.settings, groomed.own) == now
 
     def own_grooming(self, name: str) -> OwnGrooming:
@@ -171,6 +171,14 @@ class Session(QObject):
         columns = {**member.subject.columns, title: own.text}
         changed = replace(member, subject=replace(member.subject, columns=columns))
         self.edit(f"Grooming of {name}", self.study.with_members({name: changed}))
+
+    def set_cuts(self, name: str, text: str, key: str = "") -> None:
+        """Set what is cut away of one subject; edits with the same key are one in the undo history."""
+        self.edit(f"Cut {name}", with_cuts(self.study, {name: text}), key)
+
+    def uncut_selected(self) -> None:
+        """Leave the selected subjects whole."""
+        self.edit("Remove cuts", with_cuts(self.study, dict.fromkeys(self.selection, "")))
 
     @property
     def extension_of(self) -> Extension | None:

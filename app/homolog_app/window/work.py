@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from PySide6.QtCore import QObject, Slot
 
 from homolog.cohort import Cohort, Subject, column_of
+from homolog.io.constraints import COLUMN
 from homolog.io.project import ProjectFolder
 from homolog.progress import Tick
-from homolog.settings import OWN, GroomSettings
-from homolog_app.scenes.subjects import Groomed
+from homolog.settings import GroomSettings
+from homolog_app.scenes.subjects import Groomed, whole_surface
 from homolog_app.studies.jobs import (
     Devices,
     RunJob,
+    carry_cuts,
     groom,
     groom_again,
     groomed_before,
@@ -25,6 +27,7 @@ from homolog_app.studies.jobs import (
     read_files,
 )
 from homolog_app.studies.loaded_result import LoadedResult, load_result
+from homolog_app.studies.study import own_text, with_cuts
 from homolog_app.window.runner import JobOutcome, Runner, Status, Task, TaskStatus
 from homolog_app.window.session import BACKGROUND, Job, Session
 from homolog_app.window.start_page import Sample
@@ -163,7 +166,7 @@ class Work(QObject):
         )
 
     def _own_grooming(self) -> dict[str, str]:
-        return {item.name: column_of(item.columns, OWN) for item in self.session.study.included}
+        return {item.name: own_text(item.columns) for item in self.session.study.included}
 
     def groom_one(self, name: str, project: ProjectFolder) -> None:
         """Groom one subject again; the others keep their surfaces."""
@@ -183,6 +186,22 @@ class Work(QObject):
             self.session.add_groomed(again | {name: Groomed(*groomed[name], study.settings.groom, own[name])})
 
         self.compute("groom", work, f"grooming {name}", take)
+
+    def carry_cuts(self, name: str) -> None:
+        """Carry what is cut away of a subject to all other groomed ones, as one edit of the study."""
+        study, session = self.session.study, self.session
+        shapes = {
+            item.name: (whole, session.groomed[item.name].alignment)
+            for item in study.included
+            if item.name in session.groomed
+            and (whole := whole_surface(item.name, session.surveys, session.groomed)) is not None
+        }
+        text = next(column_of(item.columns, COLUMN) for item in study.included if item.name == name)
+
+        def take(carried: dict[str, str]) -> None:
+            self.session.edit("Carry cuts", with_cuts(self.session.study, carried))
+
+        self.compute("carry", lambda tick: carry_cuts(name, text, shapes, tick), "carrying the cuts", take)
 
     def run(self, project: ProjectFolder, *, resume: bool = False, from_result: bool = False) -> None:
         """Place the particles, or continue from a checkpoint or from the result."""

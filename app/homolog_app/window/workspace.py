@@ -253,6 +253,8 @@ class Workspace(QObject):
             "edit.remove": session.remove_selected,
             "run.groom": self.groom,
             "run.regroom": self.groom_selected,
+            "edit.uncut": session.uncut_selected,
+            "edit.carry": lambda: self.work.carry_cuts(session.selection[0]),
             "run.resume": lambda: self.run(resume=True),
             "run.more": lambda: self.run(from_result=True),
             "run.fit": lambda: self.run(from_result=True),

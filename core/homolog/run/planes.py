@@ -28,6 +28,7 @@ __all__ = [
     "carried_cuts",
     "common_planes",
     "cut_cohort",
+    "marked",
     "plane_along",
     "plane_through",
     "with_regions",
@@ -94,7 +95,7 @@ def cut_cohort(
     names = [item.name for item in groomed]
     if landmarks is not None:
         cuts: list[tuple[Cut, ...]] = [
-            (plane_through(_marked(subject, landmarks), mesh),)
+            (plane_through(marked(subject, landmarks), mesh),)
             for subject, mesh in zip(cohort.subjects, meshes, strict=True)
         ]
     elif keep is not None:
@@ -161,11 +162,14 @@ def _without_planes(subject: Subject) -> Subject:
     return replace(subject, columns=columns)
 
 
-def _marked(subject: Subject, names: Sequence[str]) -> FloatArray:
-    """Return the positions of three landmarks of a subject, (3, 3)."""
+def marked(subject: Subject, names: Sequence[str] = ()) -> FloatArray:
+    """Return the positions of three landmarks of a subject, (3, 3); its first ones without names."""
     if subject.landmarks is None:
         raise InputError(f"{subject.name}: has no landmarks; save them as NAME.mrk.json next to the file")
     markups = read_markups(subject.landmarks)
+    if not names and len(markups.names) < 3:
+        raise InputError(f"{subject.landmarks}: has fewer than three landmarks; place three for a plane")
+    names = names or markups.names[:3]
     missing = [name for name in names if name not in markups.names]
     if missing:
         raise InputError(f"{subject.landmarks}: lacks the landmarks {', '.join(missing)}; place them")
