@@ -5,7 +5,8 @@ from enum import StrEnum
 from math import hypot, inf
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic_core import PydanticCustomError
 
 from homolog.io.report_details import Axes, ReportDetails
 from homolog_app.rendering.camera import Clip, ClipPlane, View
@@ -79,6 +80,7 @@ class CutAway(StrEnum):
     CORONAL = "coronal"
     SAGITTAL = "sagittal"
     VIEW = "view"
+    FREE = "free"
 
 
 _PIXELS = {"unit": "pixels"}
@@ -91,7 +93,10 @@ class CutSettings(BaseModel):
 
     clip: Annotated[
         CutAway,
-        Field(title="cut away", description="Plane that cuts the shapes open; view faces the viewer."),
+        Field(
+            title="cut away",
+            description="Plane that cuts the shapes open; view faces the viewer, free has the normal given.",
+        ),
     ] = CutAway.NONE
     clip_at: Annotated[
         float,
@@ -102,6 +107,13 @@ class CutSettings(BaseModel):
             description="Position of the plane: 0 at the feet, front, right or viewer, 1 at the other end.",
         ),
     ] = 0.5
+    clip_normal: Annotated[
+        str,
+        Field(
+            title="normal of a free cut",
+            description="Three numbers (LPS): the direction that a free plane keeps.",
+        ),
+    ] = "0 0 1"
     clip_flip: Annotated[
         bool, Field(title="flip the cut", description="Remove the other side of the plane.")
     ] = False
@@ -111,7 +123,26 @@ class CutSettings(BaseModel):
         """The plane that cuts the shapes open."""
         if self.clip is CutAway.NONE:
             return None
-        return Clip(plane=ClipPlane(self.clip.value), position=self.clip_at, flipped=self.clip_flip)
+        x, y, z = (float(word) for word in self.clip_normal.split())
+        length = hypot(x, y, z)
+        return Clip(
+            plane=ClipPlane(self.clip.value),
+            position=self.clip_at,
+            flipped=self.clip_flip,
+            normal=(x / length, y / length, z / length),
+        )
+
+    @field_validator("clip_normal")
+    @classmethod
+    def _check_normal(cls, text: str) -> str:
+        """Refuse a text that is no direction."""
+        try:
+            x, y, z = (float(word) for word in text.split())
+        except ValueError:
+            x = y = z = 0.0
+        if not 0.0 < hypot(x, y, z) < inf:
+            raise PydanticCustomError("normal", "give three numbers that are not all 0, such as 0 0 1")
+        return text
 
 
 class ReportSettings(CutSettings, ReportDetails):

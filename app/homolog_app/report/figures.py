@@ -294,11 +294,11 @@ def _view(directions: Directions, name: str) -> View:
 def _cut_text(clip: Clip | None) -> str:
     if clip is None:
         return ""
-    article = "an" if clip.plane is ClipPlane.AXIAL else "a"
-    plane = (
-        "a plane that faces the viewer" if clip.plane is ClipPlane.VIEW else f"{article} {clip.plane} plane"
-    )
-    return f" Cut open by {plane}."
+    if clip.plane in (ClipPlane.VIEW, ClipPlane.FREE):
+        across = ", ".join(f"{part:.2f}" for part in clip.normal)
+        faces = "that faces the viewer" if clip.plane is ClipPlane.VIEW else f"across ({across}, LPS)"
+        return f" Cut open by a plane {faces}."
+    return f" Cut open by {'an' if clip.plane is ClipPlane.AXIAL else 'a'} {clip.plane} plane."
 
 
 def _map_caption(study: Answer, comparison: Comparison, limit: float, clip: Clip | None) -> str:

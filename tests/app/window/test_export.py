@@ -4,9 +4,12 @@ import shlex
 
 import pytest
 from filelock import FileLock, Timeout
+from pydantic import ValidationError
 
 from homolog.io.project import ProjectFolder
 from homolog.io.report_details import read_details
+from homolog_app.exports.settings import CutSettings
+from homolog_app.rendering.camera import Clip, ClipPlane
 
 pytestmark = pytest.mark.window
 
@@ -312,3 +315,14 @@ def test_every_control_has_a_name_and_can_be_reached_by_keys(dialog, name):
                 continue  # a part of a spin box
             assert widget.accessibleName() or widget.text(), widget
             assert widget.focusPolicy() & Qt.FocusPolicy.TabFocus, widget
+
+
+def test_pictures_and_films_cut_where_the_window_does_also_by_a_free_plane(tmp_path):
+    from homolog_app.window.export.choosers import KINDS, first_settings
+
+    clip = Clip(plane=ClipPlane.FREE, position=0.3, flipped=True, normal=(0.6, 0.0, -0.8))
+    for name in ("still", "film"):
+        settings = first_settings(KINDS[name], tmp_path, clip)
+        assert settings.cutting == clip
+    with pytest.raises(ValidationError, match="three numbers"):
+        CutSettings(clip_normal="0 0")

@@ -24,7 +24,7 @@ from homolog_app.exports.settings import (
     StillSettings,
     TableSettings,
 )
-from homolog_app.rendering.camera import Clip, ClipPlane
+from homolog_app.rendering.camera import Clip
 from homolog_app.window.theme import scaled
 from homolog_app.window.widgets import (
     GRID,
@@ -354,7 +354,12 @@ def first_settings(kind: ExportKind, project: Path, clip: Clip | None) -> BaseMo
     settings = kind.settings()
     if isinstance(settings, ReportSettings):
         settings = settings.model_copy(update=dict(read_details(ProjectFolder(project))))
-    if clip is not None and clip.plane is not ClipPlane.FREE and isinstance(settings, CutSettings):
-        cut = {"clip": CutAway(clip.plane), "clip_at": clip.position, "clip_flip": clip.flipped}
+    if clip is not None and isinstance(settings, CutSettings):
+        cut = {
+            "clip": CutAway(clip.plane),
+            "clip_at": clip.position,
+            "clip_normal": " ".join(f"{part:.6g}" for part in clip.normal),
+            "clip_flip": clip.flipped,
+        }
         settings = settings.model_copy(update=cut)
     return settings
