@@ -106,5 +106,6 @@ def listed(names: Sequence[str], most: int = 5) -> str:
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Return whether memory ran out, by the exception's class or its text."""
-    return isinstance(error, MemoryError) or any(text in str(error) for text in _NO_MEMORY)
+    """Return whether memory ran out, by the class or text of the exception or of what caused it."""
+    is_it = isinstance(error, MemoryError) or any(text in str(error) for text in _NO_MEMORY)
+    return is_it or (error.__cause__ is not None and is_out_of_memory(error.__cause__))

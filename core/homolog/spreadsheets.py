@@ -16,7 +16,7 @@ __all__ = ["MISSING", "TABLE_SUFFIXES", "Row", "encoding_notes", "lists_labels",
 
 Row = dict[str, str]
 
-MISSING = ("", "na", "n/a", "nan", "none", "null")
+MISSING = ("", ".", "na", "n/a", "nan", "none", "null")
 """Texts of cells without a value, case-insensitive."""
 TABLE_SUFFIXES = (".csv", ".tsv", ".xlsx")
 """Suffixes of tables."""

@@ -199,6 +199,8 @@ class TimeShares:
         Share of the first preparation in the whole.
     first_particles : float
         Share of the first particles in the rest.
+    cost : float
+        Of the whole, for each shape [updates of a particle].
     """
 
     def __init__(self, stages: Sequence[StagePlan], *, geodesic: bool, registers: bool, threads: int) -> None:
@@ -211,7 +213,8 @@ class TimeShares:
         self._tables = [0.0, *(tables if change else 0.0 for change in changes)]  # the first are there before
         self._costs = [plan.expected_iterations * (plan.count + overhead) for plan in stages]
         self._sum = sum(self._tables) + sum(self._costs)
-        self.preparation = tables / (tables + first + self._sum)
+        self.cost = tables + first + self._sum
+        self.preparation = tables / self.cost
         self.first_particles = first / (first + self._sum)
 
     def done(self, index: int, share: float = 0.0) -> float:

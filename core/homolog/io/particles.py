@@ -77,6 +77,7 @@ def _of_lines(path: Path, lines: list[str]) -> FloatArray:
 
 def _tokens(line: str) -> list[str]:
     """Return the numbers of a line as text; commas within three numbers are their decimal points."""
+    line = line.replace(";", " ")
     tokens = line.split()
     if len(tokens) == 3 and all(0 < token.find(",") < len(token) - 1 for token in tokens):
         return [token.replace(",", ".") for token in tokens]

@@ -68,14 +68,20 @@ class Control:
         stop = sum(self._shares[item] for item in phases[: phases.index(until or phase) + 1])
         self._span = (max(start, self._status.fraction), stop)
         self.move_to(phase)
-        if phase in (Phase.READING, Phase.GEODESICS):  # cached grooming predicts no later phase
-            self._eta_origin = (self._entered, self._span[0])
+        self._eta_origin = (self._entered, self._span[0])
         self.tick(0.0, message)
 
     def expect_fits(self) -> None:
         """Include a phase in which subjects are fitted to a core set."""
         self._shares = {phase: (1.0 - _FITS_SHARE) * share for phase, share in _SHARES.items()}
         self._shares[Phase.FITTING] = _FITS_SHARE
+
+    def expect_another_seed(self, cost: float) -> None:
+        """Include a second optimization, whose cost is relative to the first one's."""
+        first = (Phase.GEODESICS, Phase.SPLITTING, Phase.OPTIMIZING)
+        second = cost * sum(self._shares[phase] for phase in first)
+        shares = self._shares | {Phase.MODELING: self._shares[Phase.MODELING] + second}
+        self._shares = {phase: share / (1.0 + second) for phase, share in shares.items()}
 
     def work_on(self, cluster: str) -> None:
         """Report the cluster that processes the subjects."""
@@ -85,6 +91,7 @@ class Control:
         """Continue with a phase that has common progress with the previous one."""
         self._close_phase()
         self._status = replace(self._status, phase=phase)
+        self._eta_origin = (self._entered, self._status.fraction)
         self._reported = 0.0
 
     def tick(self, fraction: float, message: str) -> None:
@@ -129,10 +136,11 @@ class Control:
         self._status = replace(self._status, paused=False)
 
     def _eta(self, now: float, whole: float) -> float | None:
-        """Return the seconds left at the mean speed so far, with the shares of a typical run.
+        """Return the seconds left at the mean speed of this phase, with the shares of a typical run.
 
-        None while the estimate does not hold: the one at two thirds of the time so far must have predicted
-        the same end, within a fifth of the time that it gave.
+        The speed of another phase predicts nothing: it depends on files, cores and what is cached. None while
+        the estimate does not hold: the one at two thirds of the phase so far must have predicted the same
+        end, within a fifth of the time that it gave.
         """
         begun, start = self._eta_origin
         if now - begun < _ETA_AFTER_S or whole - start < 0.01:

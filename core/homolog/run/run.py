@@ -21,7 +21,7 @@ from homolog.io.results import Result
 from homolog.memory import Store, in_memory, large_arrays_apart
 from homolog.progress import Tick, no_tick, part_of, run_in_background
 from homolog.registration import check_sides
-from homolog.run.another_seed import agreement_of_seeds
+from homolog.run.another_seed import agreement_of_seeds, cost_of_seeds
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.run.choose_core import outline
 from homolog.run.control import Control
@@ -225,6 +225,9 @@ class Run:
             grows = size is not None and size < len(complete.subjects) and prior is None
             if grows:
                 self._control.expect_fits()
+            elif "" in self._grooms and prior is None:
+                cost = cost_of_seeds(self._settings.placing, len(cohort.subjects), cores())
+                self._control.expect_another_seed(cost)
             cohort, groomed = self._groomed(
                 cohort, outline if grows else lambda item: item.stored(self._store)
             )

@@ -47,7 +47,7 @@ _COMMA = re.compile(r"[+-]?\d+,\d+")
 
 
 def is_missing(value: str | float) -> bool:
-    """Return whether a cell is empty, ``NA``, ``n/a``, ``nan``, ``none`` or ``null``."""
+    """Return whether a cell is empty, ``.`` (SAS, Stata), ``NA``, ``n/a``, ``nan``, ``none`` or ``null``."""
     if isinstance(value, str):
         return value.strip().lower() in MISSING
     return bool(np.isnan(value))

@@ -33,6 +33,8 @@ def test_reading_stops_at_the_first_line_that_is_no_number(tmp_path):
         "1.5,2,-3\n4,5,6e0\n",
         "1.5, 2, -3\n4, 5, 6\n",
         "1,5 2,0 -3,0\n4,0 5,0 6,0\n",
+        "1.5;2;-3\n4;5;6\n",
+        "1,5;2,0;-3,0\n4,0;5,0;6,0\n",
         "x,y,z\n1.5,2,-3\n4,5,6\n",
     ],
 )

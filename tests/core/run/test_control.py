@@ -125,6 +125,36 @@ def test_waiting_while_paused_is_not_counted_as_work(control):
     assert control.seconds[Phase.READING] < time.monotonic() - began - 0.25
 
 
+def test_a_second_optimization_has_its_share_in_the_time_left(control, monkeypatch):
+    now = 100.0
+    monkeypatch.setattr("homolog.run.control.time.monotonic", lambda: now)
+    control.expect_another_seed(0.5)
+    control.enter(Phase.GEODESICS, "begin", until=Phase.OPTIMIZING)
+    control.move_to(Phase.OPTIMIZING)
+    begun = control.status.fraction
+    for now in (130.0, 140.0, 150.0):
+        control.tick((now - 100.0) / 100.0, "work")
+    assert control.status.eta_s is not None
+    control.tick(1.0, "end")
+    first = control.status.fraction - begun
+    control.enter(Phase.MODELING, "another seed")
+    control.tick(1.0, "end")
+    assert control.status.fraction - begun - first > 0.5 * first
+
+
+def test_the_pace_of_one_phase_predicts_no_other(control, monkeypatch):
+    now = 100.0
+    monkeypatch.setattr("homolog.run.control.time.monotonic", lambda: now)
+    control.enter(Phase.GEODESICS, "begin", until=Phase.OPTIMIZING)
+    for now in (103.0, 104.0, 105.0, 106.0):
+        control.tick((now - 100.0) / 20.0, "quick")
+    assert control.status.eta_s is not None
+    control.move_to(Phase.OPTIMIZING)
+    now += 1.0
+    control.tick(0.35, "slow")
+    assert control.status.eta_s is None
+
+
 def test_the_time_left_follows_from_the_pace_if_an_earlier_estimate_agrees(control, monkeypatch):
     now = 100.0
     monkeypatch.setattr("homolog.run.control.time.monotonic", lambda: now)
