@@ -35,9 +35,9 @@ from homolog.correspondence.surface_sets import normalize_size
 from homolog.device import choose_device
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.inspection.verdict import judge
-from homolog.samples.evaluate import place_errors, places_on
+from homolog.samples.evaluate import place_errors
 from homolog.settings import OptimizeSettings, RunSettings
-from homolog.surfaces.closest import closest_points
+from homolog.surfaces.closest import closest_faces, closest_points
 from homolog.surfaces.mesh import TriangleMesh
 
 DATA = Path(os.environ.get("HOMOLOG_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
@@ -209,7 +209,7 @@ def nearest_error(shapes, alignments, truth, local):
     found, (vertices, faces) = nearest(shapes, poses, local), truth
     errors = []
     for k, points in enumerate(local):
-        on, weights = places_on(vertices[k], faces, points)
+        on, weights = closest_faces(TriangleMesh(vertices[k], faces), points)
         true = np.einsum("nc,mncx->mnx", weights, vertices[:, faces[on]])
         errors.append(np.delete(np.linalg.norm(found[k] - true, axis=-1), k, axis=0))
     return float(np.mean(errors))

@@ -33,7 +33,7 @@ from homolog.statistics.evaluation import (
 from homolog.surfaces.closest import distances_to, thickness
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import MIRROR, mirrors
-from homolog.surfaces.nearest import nearest_particles
+from homolog.surfaces.nearest import nearest_particles, normals_at
 from homolog.surfaces.orientation import FILES_SPREAD, INDEPENDENT
 from homolog.surfaces.topology import check_surface
 
@@ -650,7 +650,7 @@ def _measure(
         thin.append(float(areas[depth < spacing].sum() / areas.sum()))
         walls.append(float(np.median(depth)))
         if fits is not None:
-            turns.append(_turning(own, own - fits[index], _normals(mesh, own), parts, prior))
+            turns.append(_turning(own, own - fits[index], normals_at(mesh, own), parts, prior))
         if template is not None and fits is not None:
             without = (count * mean - own) / (count - 1)
             apart.append([template.distance(fits[index], mesh), template.distance(without, mesh)])
@@ -670,12 +670,6 @@ def _parts(shapes: FloatArray) -> float:
     """Return how many parts of the surface vary independently."""
     apart = (shapes - shapes.mean(axis=0)).reshape(len(shapes), -1)
     return independent_parts(np.linalg.eigvalsh(apart @ apart.T), len(shapes))
-
-
-def _normals(mesh: TriangleMesh, particles: FloatArray) -> FloatArray:
-    """Return the normals of a surface at the vertices nearest to its particles, (N, 3)."""
-    normals: FloatArray = mesh.vertex_normals[KDTree(mesh.vertices).query(particles)[1]]
-    return normals
 
 
 def _turns_of_files(alignments: FloatArray) -> FloatArray:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from homolog.samples import make_study
-from homolog.samples.evaluate import place_errors, places_on
+from homolog.samples.evaluate import place_errors
 
 
 @pytest.fixture(scope="module")
@@ -32,10 +32,3 @@ def test_particles_of_one_subject_in_another_order_have_errors_and_opposed_norma
     errors = place_errors(meshes, particles)
     assert np.median(errors.distances[2]) > 10.0
     assert errors.opposed > 0.05
-
-
-def test_points_of_a_face_get_their_barycentric_coordinates(meshes):
-    mesh = meshes[0]
-    faces, weights = places_on(mesh.vertices, mesh.faces, mesh.vertices[mesh.faces[5]].mean(axis=0)[None])
-    assert faces[0] == 5
-    np.testing.assert_allclose(weights[0], 1.0 / 3.0, atol=1e-6)
