@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -20,7 +21,8 @@ from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.cohort import dicom_files, dicom_segmentations, dicom_slices, is_dicom_seg
 from homolog.errors import InputError, listed
 from homolog.io.bounded import read_bytes
-from homolog.io.volumes import Layers, Segment, Stored, Volume, check_size
+from homolog.io.volumes import Segment, Stored, Volume, check_size
+from homolog.memory import OnDemand
 from homolog.progress import Tick
 
 __all__ = ["read_dicom", "read_series"]
@@ -287,7 +289,7 @@ def read_seg(path: Path) -> Volume:
             volume = seg.get_volume(segment_numbers=[numbers[layer]])
         return np.pad(np.asarray(volume.array)[..., 0], _ROOM)
 
-    return Volume(path, Layers(len(numbers), segment), affine, named)
+    return Volume(path, OnDemand(len(numbers), lru_cache(maxsize=1)(segment)), affine, named)
 
 
 _RTSTRUCT_KIND = "DICOM RTSTRUCT"
@@ -361,7 +363,9 @@ def read_rtstruct(path: Path) -> Volume:
     x, y, z = grid.spacing
     note = f"contours were drawn into a grid of {x:.3g} x {y:.3g} x {z:.3g} mm"
     contours = list(drawn.values())
-    layers = Layers(len(contours), lambda layer: grid.drawn(contours[layer]).view(np.uint8))
+    layers = OnDemand(
+        len(contours), lru_cache(maxsize=1)(lambda layer: grid.drawn(contours[layer]).view(np.uint8))
+    )
     return Volume(path, layers, grid.index_to_world, named, (note,), unavailable)
 
 

@@ -1,9 +1,8 @@
 """Label volumes in one frame (LPS, mm), and the voxels of a structure."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import overload
 
 import numpy as np
 
@@ -25,7 +24,6 @@ from homolog.settings import Values
 
 __all__ = [
     "Extent",
-    "Layers",
     "Segment",
     "Segmentation",
     "Stored",
@@ -461,27 +459,3 @@ def check_size(path: Path, shape: Sequence[int], voxel_bytes: float) -> None:
         raise InputError(f"{path}: is not a 3-D volume but {size}; export one label map per subject")
     needed = float(np.prod(shape, dtype=np.float64)) * (voxel_bytes + _MASKS)
     check_fits(f"{path} ({size} voxels)", needed, "crop or resample it, or correct its header")
-
-
-class Layers(Sequence[Array]):
-    """A number of layers, each made by a function of its index; the last one is kept."""
-
-    def __init__(self, count: int, make: Callable[[int], Array]) -> None:
-        self._count, self._make = count, make
-        self._last: tuple[int, Array] | None = None
-
-    def __len__(self) -> int:
-        return self._count
-
-    @overload
-    def __getitem__(self, index: int) -> Array: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Array]: ...
-    def __getitem__(self, index: int | slice) -> Array | Sequence[Array]:
-        if isinstance(index, slice):
-            return [self[item] for item in range(*index.indices(self._count))]
-        if not 0 <= index < self._count:
-            raise IndexError(index)
-        if self._last is None or self._last[0] != index:
-            self._last = (index, self._make(index))
-        return self._last[1]
