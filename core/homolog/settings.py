@@ -27,6 +27,7 @@ __all__ = [
     "RunSettings",
     "Turn",
     "Values",
+    "wall_of",
 ]
 
 
@@ -203,6 +204,18 @@ def _named_sources(text: str) -> list[tuple[str, str]]:
     return [(name.strip(), (source or name).strip()) for name, _, source in pairs]
 
 
+def _of_named(source: str, sources: dict[str, str]) -> str:
+    """Return the source of what another structure encloses, ``inside(wall)``, with that of the other."""
+    wall = wall_of(source)
+    return source if wall is None else f"inside({sources.get(wall, wall)})"
+
+
+def wall_of(segment: str | None) -> str | None:
+    """Return what encloses a cavity, ``wall`` of ``inside(wall)``; None if it is none."""
+    match = re.fullmatch(r"inside\(([^()]+)\)", segment or "")
+    return match and match[1].strip()
+
+
 class GroomSettings(_Settings):
     """Grooming."""
 
@@ -231,7 +244,8 @@ class GroomSettings(_Settings):
             max_length=2000,
             json_schema_extra=_shown(if_none="one"),
             description="Structures that are modelled together, separated by commas: names of files or "
-            "labels, or numbers of labels. NAME=2+3 joins labels under a name.",
+            "labels, or numbers of labels. NAME=2+3 joins labels under a name; cavity=inside(wall) is what "
+            "a wall encloses.",
         ),
         AfterValidator(_structures),
     ] = None
@@ -324,7 +338,7 @@ class GroomSettings(_Settings):
     @property
     def of_structures(self) -> dict[str, "GroomSettings"]:
         """The settings of each of several structures alone, by its name; empty for one structure."""
-        own = _own_grooming(self.structure_grooming)
+        own, sources = _own_grooming(self.structure_grooming), dict(_named_sources(self.structures or ""))
         return {
             name: own.get(name, OwnGrooming()).applied(
                 self.model_copy(
@@ -332,11 +346,11 @@ class GroomSettings(_Settings):
                         "structures": None,
                         "structure_grooming": None,
                         "label": int(source) if source.isdecimal() else None,
-                        "segment": None if source.isdecimal() else source,
+                        "segment": None if source.isdecimal() else _of_named(source, sources),
                     }
                 )
             )
-            for name, source in _named_sources(self.structures or "")
+            for name, source in sources.items()
             if name
         }
 

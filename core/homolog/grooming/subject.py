@@ -19,9 +19,9 @@ from homolog.io.constraints import cuts_of
 from homolog.io.images import Segmentation, read_segmentation
 from homolog.io.meshes import read_mesh
 from homolog.io.structures import mask_of
-from homolog.io.volumes import joined_names, union_of
+from homolog.io.volumes import cavity_of, joined_names, union_of
 from homolog.memory import Store
-from homolog.settings import OWN, GroomSettings, OwnGrooming, Values
+from homolog.settings import OWN, GroomSettings, OwnGrooming, Values, wall_of
 from homolog.surfaces.clipping import Cut
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import coarse_isosurface, isosurface
@@ -196,6 +196,13 @@ def read_source(subject: Subject, settings: GroomSettings) -> Source:
     InputError
         With the file, the fault and the remedy.
     """
+    if (wall := wall_of(settings.segment)) is not None:
+        number = int(wall) if wall.isdecimal() else None
+        chosen = {"label": number, "segment": None if number else wall}
+        source = read_source(subject, settings.model_copy(update=chosen))
+        if not isinstance(source, Segmentation):
+            raise InputError(f"{subject.path}: {wall} is a surface; only walls of label maps have cavities")
+        return check_source(cavity_of(source, subject.path), settings, subject.path)
     try:
         if subject.structures and (names := joined_names(settings.segment)):
             return check_source(_joined_files(subject, settings, names), settings, subject.path)
@@ -205,7 +212,7 @@ def read_source(subject: Subject, settings: GroomSettings) -> Source:
             settings = settings.model_copy(update={"label": None, "segment": None})  # the whole file
         _check_beginning(subject.path)
         if not subject.is_mesh:
-            source: Source = read_segmentation(
+            source = read_segmentation(
                 subject.path, settings.label, settings.segment, settings.values or Values.LABELS
             )
         else:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import binary_fill_holes, generate_binary_structure
 
 from homolog.arrays import Array, BoolArray, FloatArray, frozen
 from homolog.cohort.subject import stem_of
@@ -404,6 +405,29 @@ def joined_names(segment: str | None) -> list[str]:
     """Return the names of several structures that are requested together; none for a single one."""
     names = [name.strip() for name in (segment or "").split("+")]
     return names if len(names) > 1 and all(names) else []
+
+
+def cavity_of(wall: Segmentation, path: Path) -> Segmentation:
+    """Return the voxels that a wall encloses within slices, along the axis along which these are most.
+
+    A closed wall encloses its cavity in the slices of every axis, one that is open at an end, as the
+    myocardium at its base, in those across its length.
+
+    Raises
+    ------
+    InputError
+        If it encloses none.
+    """
+    cavities = []
+    for axis in range(3):
+        plane = np.ones((3, 3, 3), np.bool_)
+        plane.swapaxes(0, axis)[[0, 2]] = False
+        plane &= generate_binary_structure(3, 1)
+        cavities.append(binary_fill_holes(wall.mask, plane) & ~wall.mask)
+    mask = max(cavities, key=np.count_nonzero)
+    if not mask.any():
+        raise InputError(f"{path}: the wall encloses no voxel in any slice; check that it is a wall")
+    return replace(wall, mask=mask)
 
 
 def union_of(parts: Sequence[Segmentation], path: Path) -> Segmentation:

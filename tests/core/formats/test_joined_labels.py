@@ -51,6 +51,34 @@ def test_a_missing_label_of_a_joined_structure_is_named(scan):
         read(scan, "wall=2+7,core=1")
 
 
+@pytest.fixture
+def cup(tmp_path):
+    """Return a label map of a cup of labels 2 and 3, open at an end and lying across the axes of its file."""
+    import nibabel
+
+    labels = np.zeros((20, 12, 12), np.uint8)
+    labels[2:16, 2:10, 2:10] = 2
+    labels[2:16, 2:6, 2:10][labels[2:16, 2:6, 2:10] == 2] = 3
+    labels[4:16, 4:8, 4:8] = 0
+    path = tmp_path / "cup.nii.gz"
+    nibabel.save(nibabel.Nifti1Image(labels, np.diag([1.0, 2.0, 1.0, 1.0])), path)
+    return path
+
+
+def test_a_cavity_is_what_a_wall_encloses_in_its_slices(cup):
+    cavity = read(cup, "wall=2+3,cavity=inside(wall)")["cavity"]
+    assert cavity.volume == 12 * 4 * 4 * 2.0
+    alike = read(cup, "cavity=inside(2+3),half=2")["cavity"]
+    assert np.array_equal(alike.mask, cavity.mask)
+
+
+def test_what_encloses_nothing_has_no_cavity(cup, scan):
+    with pytest.raises(InputError, match="encloses no voxel"):
+        read(cup, "cavity=inside(2),wall=3")
+    with pytest.raises(InputError, match="encloses no voxel"):
+        read(scan, "cavity=inside(core),core=1")
+
+
 @pytest.mark.parametrize("text", ["femur", "femur,femur", "femur,,tibia", "=2,tibia"])
 def test_a_list_that_does_not_name_several_structures_is_refused(text):
     with pytest.raises(ValidationError, match="two or more structures"):
