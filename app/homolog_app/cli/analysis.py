@@ -95,6 +95,11 @@ _QUESTION = (
         help="what is compared: shape (without size), form (size and shape), as-it-lies (pose as well) "
         "(default: shape; size is always tested as well)",
     ),
+    option(
+        "--pose",
+        metavar="STRUCTURE",
+        help="test how a structure of several lies to the reference (turn and shift), in place of shapes",
+    ),
     option("--size", choices=["both", "with", "without"], help=argparse.SUPPRESS),
 )
 
@@ -131,6 +136,8 @@ def run_analyze(arguments: argparse.Namespace) -> int:
             raise InputError(
                 f"--{name} can't be combined with --formula, which names all columns; leave it out"
             )
+    if arguments.pose is not None:
+        return _analyze_pose(arguments)
     from homolog.comparison.formula import FormulaAnswer, design_of
     from homolog.comparison.project import analyze_result, primary_of, questions_of
     from homolog.comparison.sample import Sample
@@ -181,6 +188,42 @@ def run_analyze(arguments: argparse.Namespace) -> int:
             assert isinstance(answer.answer, FormulaAnswer)
             answer.answer.write(arguments.out)
     write_lines(*lines, *(answer.text for answer in answers), aside=arguments.progress == "json")
+    return 0
+
+
+def _analyze_pose(arguments: argparse.Namespace) -> int:
+    """Test the pose of a structure; return the exit code."""
+    from homolog.comparison.ask import ask
+    from homolog.comparison.pose import NUMBERS, PoseSample
+    from homolog.comparison.project import questions_of
+    from homolog.inspection.verdict import refuse_unusable
+    from homolog.io.results import read_result
+
+    for name in ("formula", "alignment", "size", "primary"):
+        if getattr(arguments, name) is not None:
+            raise InputError(f"--{name} is of shapes and can't be combined with --pose; leave it out")
+    project = ProjectFolder(arguments.project)
+    settings = with_options(AnalysisSettings(), arguments)
+    with show_progress(arguments.progress) as progress:
+        result = read_result(project)
+        record = project.read().result
+        assert record is not None, "a result was read"
+        poses = PoseSample.of(result, arguments.pose, record.settings.optimize.align_by)
+        (question,) = questions_of(
+            result,
+            ["as-it-lies"],
+            group=arguments.group,
+            regress=arguments.regress,
+            between=arguments.between or [],
+            pairs=arguments.pairs,
+            covariates=tuple(arguments.covariates),
+            complete_cases=arguments.complete_cases,
+            **settings.model_dump(exclude={"seeds"}) | {"modes": settings.modes or NUMBERS},
+        )
+        if not arguments.anyway:
+            refuse_unusable(project, result.world, progress.tick)
+        answer = ask(poses.sample, question, progress.tick)
+    write_lines(poses.text(answer), aside=arguments.progress == "json")
     return 0
 
 

@@ -133,7 +133,8 @@ class HasMeanShape(ABC):
         Test whether the pose of a tibia differs between groups, with the tests for shapes:
 
         >>> poses = project.relative_poses("femur")  # doctest: +SKIP
-        >>> hl.compare_groups(poses.moved("tibia"), project.groups, alignment="as-it-lies")  # doctest: +SKIP
+        >>> turn_and_shift = poses.displacements("tibia")  # doctest: +SKIP
+        >>> hl.compare_groups(turn_and_shift, project.groups, alignment="as-it-lies")  # doctest: +SKIP
         """
         own = self._own
         if not own or (reference is not None and reference not in own):

@@ -107,7 +107,8 @@ class RelativePoses:
         for index, name in enumerate(self.names):
             if index != self.reference:
                 parts.append(f"pose {name}")
-                features.append(self._displacements(index))
+                moves = np.sqrt(self.forms[index].shape[1]) * self.displacements(name)
+                features.append(moves.reshape(len(moves), -1))
         for name, form in zip(self.names, self.forms, strict=True):
             parts.append(f"shape {name}")
             features.append((form - form.mean(axis=0)).reshape(len(form), -1))
@@ -120,13 +121,25 @@ class RelativePoses:
         own = np.array([item.var(axis=0, ddof=1).sum() for item in features]) / count
         return Components(tuple(parts), own, np.sqrt(variances), shares, scores)
 
-    def _displacements(self, index: int) -> FloatArray:
-        """Return a structure's pose as six numbers, whose squares sum to those of its particles' moves."""
-        points = self.forms[index].mean(axis=0)
+    def leverage(self, name: str) -> FloatArray:
+        """Return the matrix (3, 3) from a rotation vector to displacements of a structure's particles.
+
+        Its product with a rotation vector [radians] has as length their root mean square [mm].
+        """
+        points = self.forms[self.names.index(name)].mean(axis=0)
         points = points - points.mean(axis=0)
         inertia = np.square(points).sum() * np.eye(3) - points.T @ points
-        turns = np.radians(self.rotations[:, index]) @ np.real(sqrtm(inertia))
-        return np.concatenate([turns, np.sqrt(len(points)) * self.translations[:, index]], axis=1)
+        return np.asarray(np.real(sqrtm(inertia / len(points))))
+
+    def displacements(self, name: str) -> FloatArray:
+        """Return each subject's turn and shift of a structure, (M, 2, 3) [mm].
+
+        Their squares sum to the mean square displacement of the structure's particles. Whatever compares
+        shapes compares them as two points, if these are taken as they lie.
+        """
+        index = self.names.index(name)
+        turns = np.radians(self.rotations[:, index]) @ self.leverage(name)
+        return np.stack([turns, self.translations[:, index]], axis=1)
 
 
 def relative_poses(

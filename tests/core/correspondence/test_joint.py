@@ -9,6 +9,7 @@ from homolog.correspondence import InitialParticles, Shape, StructureShapes, opt
 from homolog.errors import Cancelled, InputError
 from homolog.settings import OptimizeSettings, Procrustes
 from homolog.statistics.procrustes import align
+from homolog.statistics.relative_pose import relative_poses
 from homolog.surfaces.mesh import joined
 
 SETTINGS = OptimizeSettings(
@@ -91,6 +92,25 @@ def test_subjects_are_aligned_as_wholes_and_keep_the_places_of_their_structures(
 def test_a_structure_that_only_turns_has_no_variation_of_its_own(result):
     varied = [align(part.local, scaling=False).var(axis=0).sum() for part in result.parts]
     assert varied[1] < 0.01 * varied[0]
+
+
+def test_growth_and_turn_are_modes_of_their_own(make_shape):
+    turning = make_shape("turning", (5.0, 11.0, 8.0))
+    pairs = [
+        (
+            make_shape(f"s{k}", (12.0, 9.0, 6.0 + 0.5 * k)),
+            dataclasses.replace(moved(turning, placed(angle, (25.0, 0.0, 0.0))), name=f"s{k}"),
+        )
+        for k, angle in enumerate(np.radians([-12.0, 14.0, -4.0, 14.0, -12.0]))  # not related to growth
+    ]
+    planted = together(pairs)
+    poses = relative_poses(np.split(planted.world, 2, axis=1), ["growing", "turning"])
+    parts = poses.components()
+    share = dict(zip(parts.parts, parts.variances / parts.variances.sum(), strict=True))
+    assert share["shape turning"] < 0.01
+    for row in parts.shares[:2]:
+        assert row.max() > 0.99
+    assert {parts.parts[int(row.argmax())] for row in parts.shares[:2]} == {"pose turning", "shape growing"}
 
 
 def test_subjects_can_be_aligned_by_one_structure(subjects):

@@ -1,0 +1,86 @@
+"""Questions about how a structure lies to another one, apart from the shapes of both.
+
+A pose is asked about as a shape of two points, its turn and its shift, in millimetres by which they displace
+the structure's particles (root mean square): whatever tests shapes tests both together and each.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from homolog.comparison.answer import Answer
+from homolog.comparison.findings import cautions
+from homolog.comparison.sample import Sample
+from homolog.errors import InputError
+from homolog.io.results import Result
+from homolog.statistics.comparison import Comparison
+from homolog.statistics.relative_pose import RelativePoses, relative_poses
+
+__all__ = ["NUMBERS", "PoseSample"]
+
+NUMBERS = 6
+"""Of a pose; all are tested, as there are none to be told from noise."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseSample:
+    """The poses of a structure in a cohort.
+
+    Attributes
+    ----------
+    sample : Sample
+        The subjects, with turn and shift as their points.
+    structure : str
+    poses : RelativePoses
+        Of all structures, from the one against which poses are measured.
+    """
+
+    sample: Sample
+    structure: str
+    poses: RelativePoses
+
+    @classmethod
+    def of(cls, result: Result, structure: str, reference: str | None = None) -> "PoseSample":
+        """Return the poses of a result's structure against a reference, by default the first.
+
+        Raises
+        ------
+        InputError
+            If the result has no such structures, or the structure is the reference.
+        """
+        names = [part.name for part in result.parts]
+        reference = reference or (names[0] if names else "")
+        others = [name for name in names if name != reference]
+        if structure not in others:
+            listed = f"of {', '.join(others)} against {reference}" if names else "of several structures only"
+            raise InputError(f"{structure}: has no pose to be tested; there are those {listed}")
+        own = [result.world[:, part.particles] for part in result.parts]
+        poses = relative_poses(own, names, names.index(reference))
+        points = poses.displacements(structure)
+        sample = replace(Sample.of(result), shapes=points, own_size=points, mean_surface=None)
+        return cls(sample, structure, poses)
+
+    def text(self, answer: Answer) -> str:
+        """Return an answer as it is printed."""
+        reference = self.poses.names[self.poses.reference]
+        lines = [f"Pose of {self.structure} against {reference}: {answer.question.title}"]
+        for comparison in (answer.overall, *answer.pairwise):
+            lines += [f"  {line}" for line in self._lines(comparison)]
+        lines += [f"  {line}" for line in answer.further_lines]
+        return "\n".join([*lines, *(f"  Caution: {caution}" for caution in cautions(answer))])
+
+    def _lines(self, comparison: Comparison) -> list[str]:
+        turn, shift = comparison.p_fwe.tolist()
+        lines = [
+            f"{comparison.title}: pose p {comparison.p_adjusted:.3g}",
+            f"  turn  p {turn:.3g}",
+            f"  shift p {shift:.3g}",
+        ]
+        if len(comparison.pointwise.effect) == 1:
+            effect = comparison.pointwise.effect[0]
+            angle = np.degrees(
+                np.linalg.norm(np.linalg.solve(self.poses.leverage(self.structure), effect[0]))
+            )
+            lines[1] += f", {angle:.2g}°"
+            lines[2] += f", {np.linalg.norm(effect[1]):.2g} mm"
+        return lines
