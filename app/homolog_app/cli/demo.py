@@ -107,7 +107,7 @@ def _run_method(
 
     project = ProjectFolder(folder)
     job = Run(project, cohort, settings)
-    job.execute(lambda status: tick(status.fraction, f"{name} method, {status.phase}: {status.message}"))
+    job.execute(lambda status: tick(status.fraction, f"{name} method: {status.message}"))
     return project
 
 

@@ -140,10 +140,12 @@ class Control:
 
         The speed of another phase predicts nothing: it depends on files, cores and what is cached. None while
         the estimate does not hold: the one at two thirds of the phase so far must have predicted the same
-        end, within a fifth of the time that it gave.
+        end, within a fifth of the time that it gave. None after the optimization, too: the little that is
+        left is mostly another phase.
         """
         begun, start = self._eta_origin
-        if now - begun < _ETA_AFTER_S or whole - start < 0.01:
+        is_end = self._status.phase in {Phase.MODELING, Phase.WRITING}
+        if is_end or now - begun < _ETA_AFTER_S or whole - start < 0.01:
             return None
         left = (now - begun) * (1.0 - whole) / (whole - start)
         self._estimates = [item for item in self._estimates if item[0] >= begun]

@@ -138,6 +138,9 @@ def test_a_second_optimization_has_its_share_in_the_time_left(control, monkeypat
     control.tick(1.0, "end")
     first = control.status.fraction - begun
     control.enter(Phase.MODELING, "another seed")
+    for now in (160.0, 170.0, 180.0):
+        control.tick((now - 150.0) / 40.0, "work")
+    assert control.status.eta_s is None
     control.tick(1.0, "end")
     assert control.status.fraction - begun - first > 0.5 * first
 
