@@ -1,14 +1,25 @@
 import csv
 import json
+from functools import partial
 
 import pytest
 
+from homolog.settings import OptimizeSettings
 from homolog_app.cli import main
 from homolog_app.cli.demo import SHAPES, ComparisonRow, table_text
 
 
+@pytest.fixture(scope="module", autouse=True)
+def soon_ended():
+    """Let runs end after few iterations."""
+    with pytest.MonkeyPatch.context() as patch:
+        short = partial(OptimizeSettings, split_iterations=5, anneal_iterations=20, settle_iterations=20)
+        patch.setattr("homolog_app.cli.demo.OptimizeSettings", short)
+        yield
+
+
 @pytest.fixture(scope="module")
-def small_demo(tmp_path_factory):
+def small_demo(tmp_path_factory, soon_ended):
     """A demo with four beans and few particles; the subjects' pictures are left out."""
     out = tmp_path_factory.mktemp("demo") / "out"
     with pytest.MonkeyPatch.context() as patch:

@@ -177,20 +177,17 @@ def _draw_errors(
     out: Path, projects: Mapping[str, "ProjectFolder"], exact: Mapping[str, "TriangleMesh"], tick: Tick
 ) -> None:
     """Draw the mean shape of each method with the errors of its particles."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import ListedColormap, Normalize
-
     from homolog.io.results import read_result
     from homolog.samples.evaluate import place_errors
     from homolog.surfaces.nearest import nearest_particles
     from homolog_app.pictures import View, write_picture
     from homolog_app.pictures.layout import Panel, arrange
     from homolog_app.rendering.camera import frame_around
-    from homolog_app.rendering.colours import viridis
+    from homolog_app.rendering.colours import ColourScale, viridis
     from homolog_app.rendering.rays import Software, shaded
     from homolog_app.rendering.scene import Scene
 
-    maps, table = {}, viridis()
+    maps = {}
     for name, project in projects.items():
         result = read_result(project)
         errors = place_errors([exact[subject] for subject in result.names], result.local).distances
@@ -198,6 +195,8 @@ def _draw_errors(
         nearest = nearest_particles(mesh, result.world.mean(axis=0))
         maps[name] = mesh, errors.mean(axis=(0, 1))[nearest]
     limit = float(np.ceil(max(np.percentile(values, 98) for _, values in maps.values())))
+    title = "Mean distance of a particle from its true place"
+    scale = ColourScale(title, "mm", 0.0, limit, viridis(), "near", "far")
     views: tuple[View, ...] = (
         View((0.6, -0.7, 0.4), (0.0, 0.0, 1.0), ""),
         View((-0.2, 0.9, 0.35), (0.0, 0.0, 1.0), ""),
@@ -205,23 +204,10 @@ def _draw_errors(
     panels, software = [], Software()
     for index, (mesh, values) in enumerate(maps.values()):
         tick(0.5 * index, "drawing the comparison")
-        shade = (255.0 * np.clip(values / limit, 0.0, 1.0)).astype(int)
-        scene = Scene((shaded(mesh, table[shade] / 255.0),))
-        for view in views:
-            frame = frame_around([mesh.vertices], view)
-            panels.append(Panel(software.draw(scene, frame, 380), ""))
-    figure = arrange([panels], headings=[f"{name} method" for name in maps])
-    width, height = figure.get_size_inches()
-    figure.set_size_inches(width, height + 0.55)
-    for axes in figure.axes:
-        axes.set_position((0.0, 0.55 / (height + 0.55), 1.0, height / (height + 0.55)))
-    for text in figure.texts:
-        text.set_y((text.get_position()[1] * height + 0.55) / (height + 0.55))
-    place = figure.add_axes((0.35, 0.40 / (height + 0.55), 0.3, 0.09 / (height + 0.55)))
-    colours = ScalarMappable(Normalize(0.0, limit), ListedColormap(table / 255.0))
-    bar = figure.colorbar(colours, cax=place, orientation="horizontal")
-    bar.ax.tick_params(labelsize=8.0, length=2.5)
-    bar.set_label("mean distance of a particle from its true place [mm]", fontsize=8.0, labelpad=1.0)
+        scene = Scene((shaded(mesh, scale.colours(values) / 255.0),))
+        frames = [frame_around([mesh.vertices], view) for view in views]
+        panels += [Panel(software.draw(scene, frame, 380), "") for frame in frames]
+    figure = arrange([panels], title=title, headings=[f"{name} method" for name in maps], scale=scale)
     write_picture(figure, out / "comparison.png")
 
 
