@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from numpy.typing import NDArray
+from PIL import Image
 
 from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
@@ -109,41 +110,10 @@ class Board:
         for text in self._changing:
             complete_text(text)
             self._figure.draw_artist(text)
-        page = np.array(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+        page = Image.fromarray(np.array(self._canvas.buffer_rgba()))  # type: ignore[no-untyped-call]
         for box, image in images:
-            seen = image[..., 3] > 0
-            rows, columns = (slice(*_ends(np.asarray(seen.any(axis=axis)))) for axis in (1, 0))
-            part = page[box.y : box.y + box.height, box.x : box.x + box.width][rows, columns]
-            _overlay(image[rows, columns], part)
-        return np.asarray(page, dtype=np.uint8)
-
-
-def _ends(filled: Array) -> tuple[int, int]:
-    """Return the first and last index of true values."""
-    indices = np.flatnonzero(filled)
-    return (int(indices[0]), int(indices[-1]) + 1) if len(indices) else (0, 0)
-
-
-def _overlay(image: Array, part: NDArray[np.uint8]) -> None:
-    """Composite an image onto a part of the page; only its edge pixels are blended."""
-    opacity = image[..., 3]
-    opaque = opacity == 255
-    np.copyto(part, image, where=opaque[..., None])
-    edge = (opacity > 0) & ~opaque
-    part[edge] = _blend(image[edge], part[edge])
-
-
-def _blend(image: Array, page: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Blend pixels (n, 4) of an image and the page, both with straight (not premultiplied) opacity."""
-    front, behind = image[..., 3:] / np.float32(255.0), page.astype(np.float32)
-    mixed = behind + front * (image - behind)
-    mixed[..., 3:] = behind[..., 3:] + front * (255.0 - behind[..., 3:])
-    clear = page[..., 3] < 255
-    if clear.any():  # weight the background by its opacity
-        share, own = mixed[clear, 3:], 255.0 * front[clear]
-        colour = own * image[clear, :3] + (share - own) * behind[clear, :3]
-        mixed[clear, :3] = colour / np.maximum(share, 1e-4)
-    return np.asarray(np.rint(mixed), dtype=np.uint8)
+            page.alpha_composite(Image.fromarray(image), (box.x, box.y))
+        return np.asarray(page)
 
 
 _RIM = 1.4  # space for letters around a picture [em]

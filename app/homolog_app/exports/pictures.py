@@ -1,7 +1,6 @@
 """Pictures of a result as files: plots, stills, films (MP4, GIF, folders of PNG)."""
 
 import errno
-import io
 import os
 import subprocess
 from collections.abc import Callable, Iterable
@@ -10,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from PIL import Image
 
 from homolog.comparison.places import SurfaceCarrier
 from homolog.comparison.sample import column_of
@@ -25,6 +23,7 @@ from homolog_app.exports.motion import mode_motions
 from homolog_app.exports.settings import Background, Plot, PlotSettings
 from homolog_app.exports.tables import compare
 from homolog_app.pictures import DARK, LIGHT, ModeSurfaces, Theme, draw_modes
+from homolog_app.pictures.png import png_of
 from homolog_app.report.figures import (
     discriminant_figure,
     energies_figure,
@@ -92,7 +91,7 @@ def write_film(
         with replace_folder(path) as folder:
             for index in range(frames):
                 tick(index / frames, f"frame {index + 1} of {frames}")
-                _save(draw(index), folder / f"{index + 1:0{len(str(frames))}d}.png")
+                (folder / f"{index + 1:0{len(str(frames))}d}.png").write_bytes(png_of(draw(index)))
         return
     height, width = draw(0).shape[:2]
     source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-"]
@@ -115,14 +114,7 @@ def write_still(path: Path, picture: _Picture) -> None:
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: pictures are written as .png; use that suffix")
     with atomic_write(path) as part:
-        _save(picture, part)
-
-
-def _save(picture: _Picture, path: Path) -> None:
-    opaque = bool((picture[..., 3] == 255).all())
-    stream = io.BytesIO()
-    Image.fromarray(picture[..., :3] if opaque else picture).save(stream, "PNG")
-    path.write_bytes(stream.getvalue())
+        part.write_bytes(png_of(picture))
 
 
 def _rgb(picture: _Picture) -> bytes:
