@@ -200,9 +200,6 @@ def run_patient(arguments: argparse.Namespace) -> int:
     return 2 if summary.problems else 0
 
 
-_SUFFIXES = (".pdf", ".html")
-
-
 @command(
     "Compare a patient with a reference made by homolog reference and write only the "
     "report, as PDF or one HTML page. homolog patient also writes tables and surfaces.",
@@ -216,11 +213,11 @@ _SUFFIXES = (".pdf", ".html")
 )
 def run_patient_report(arguments: argparse.Namespace) -> int:
     """Write the report; return the exit code."""
-    if arguments.out.suffix.lower() not in _SUFFIXES:
-        raise InputError(f"{arguments.out}: the report is written as .pdf or .html; choose such a name")
     from homolog.patient.reference import Reference
     from homolog_app.report.patient import write_report_file
+    from homolog_app.report.sheets import check_page_name
 
+    check_page_name(arguments.out)
     reference = Reference.load(arguments.reference)
     with show_progress(arguments.progress) as progress:
         finding = write_report_file(

@@ -52,10 +52,11 @@ def run_plan(arguments: argparse.Namespace) -> int:
     from homolog.inspection.verdict import refuse_unusable
     from homolog.io.results import read_result
     from homolog.statistics.procrustes import Alignment
-    from homolog_app.report.plan import check_name, plan_lines, write_plan
+    from homolog_app.report.plan import plan_lines, plan_page
+    from homolog_app.report.sheets import check_page_name, write_page
 
     if arguments.out is not None:
-        check_name(arguments.out)
+        check_page_name(arguments.out)
     project = ProjectFolder(arguments.project)
     with show_progress(arguments.progress) as progress:
         if not arguments.anyway:
@@ -76,7 +77,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
         )
     lines = plan_lines(plan)
     if arguments.out is not None:
-        write_plan(arguments.out, plan)
+        write_page(arguments.out, plan_page(plan))
         lines.append(str(arguments.out))
     write_lines(*lines)
     return 0

@@ -1,6 +1,5 @@
 """The report's figures, by file name."""
 
-import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,10 +11,9 @@ from homolog.comparison.answer import Answer
 from homolog.comparison.findings import step_of
 from homolog.comparison.formula import FormulaAnswer
 from homolog.comparison.places import Directions, SurfaceCarrier
-from homolog.errors import InputError
 from homolog.io.names import file_stems
 from homolog.io.project import ProjectFolder
-from homolog.io.results import Result
+from homolog.io.results import Result, read_energies
 from homolog.progress import Tick
 from homolog.statistics.anova import Allometry
 from homolog.statistics.cautions import LEVEL
@@ -225,7 +223,7 @@ def quality_rows(result: Result, model: ShapeModel) -> list[tuple[int, float, fl
 def energies_figure(project: ProjectFolder, theme: Theme = LIGHT) -> Figure:
     """Draw the terms of the objective during the run."""
     figure = new_figure(7.2, 2.2, colours := page_colours(theme))
-    draw_energies(figure.subplots(1, 3), _energies(project), colours)
+    draw_energies(figure.subplots(1, 3), read_energies(project), colours)
     return figure
 
 
@@ -333,15 +331,3 @@ def _scree_caption(parallel: ParallelAnalysis, model: ShapeModel) -> str:
         "Variance of each mode, and the threshold from data without correlation (parallel analysis, "
         f"{parallel.repeats} {parallel.null} data sets); hatched: not retained. {above}"
     )
-
-
-def _energies(project: ProjectFolder) -> FloatArray:
-    """Return iteration and the three terms of the objective, (T, 4)."""
-    path = project.folder / "energies.csv"
-    names = ("iteration", "sampling", "ensemble", "normals")
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.DictReader(stream))
-        return np.array([[float(row[name]) for name in names] for row in rows])
-    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
-        raise InputError(f"{path}: can't be read: {error}; run again") from error

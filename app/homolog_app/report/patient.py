@@ -209,10 +209,7 @@ def write_report_file(path: Path, reference: Reference, request: PatientRequest,
     comparison = _compared(reference, subject, request, part_of(tick, 0.0, 0.7))
     page = patient_page(comparison, reference)
     tick(0.9, "writing the report")
-    if path.suffix.lower() == ".pdf":
-        write_page(path, page)
-    else:
-        write_text(path, page.html)
+    write_page(path, page)
     return finding(comparison, reference)
 
 

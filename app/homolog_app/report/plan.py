@@ -1,19 +1,13 @@
 """A plan of a study as text, and as one page of HTML or PDF."""
 
-from pathlib import Path
-
 from homolog.comparison.plan import Plan, Stability
 from homolog.comparison.question import ALIGNED
-from homolog.errors import InputError
-from homolog.io.atomic import write_text
 from homolog_app.rendering.text import aligned
 from homolog_app.report import NOTICE
 from homolog_app.report.page import Page
-from homolog_app.report.sheets import write_page
 
-__all__ = ["check_name", "plan_lines", "plan_page", "write_plan"]
+__all__ = ["plan_lines", "plan_page"]
 
-_SUFFIXES = (".pdf", ".html")
 _TITLE = "Plan of a study"
 _COLUMNS = ("subjects per group", "place (%)", "whole shape (%)", "size: difference found (mm)")
 _STABILITY = ("over", "modes", "map", "p of the whole", "least p")
@@ -88,24 +82,3 @@ def plan_page(plan: Plan) -> Page:
     page.table(_STABILITY, [_stable(item) for item in plan.stability], as_text=True)
     page.paragraph(_method(plan))
     return page
-
-
-def check_name(path: Path) -> None:
-    """Raise InputError if a file's name is not that of a page."""
-    if path.suffix.lower() not in _SUFFIXES:
-        raise InputError(f"{path}: a plan is written as .pdf or .html; choose such a name")
-
-
-def write_plan(path: Path, plan: Plan) -> None:
-    """Write the plan as PDF or HTML, by the suffix.
-
-    Raises
-    ------
-    InputError
-        If the suffix is another one, or the file can't be written.
-    """
-    check_name(path)
-    if path.suffix.lower() == ".pdf":
-        write_page(path, plan_page(plan))
-    else:
-        write_text(path, plan_page(plan).html)

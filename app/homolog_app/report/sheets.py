@@ -12,13 +12,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from homolog.arrays import Array
-from homolog.io.atomic import atomic_write
+from homolog.errors import InputError
+from homolog.io.atomic import atomic_write, write_text
 from homolog_app.rendering.text import complete_texts, shortened, typeset
 from homolog_app.report import NOTICE
 from homolog_app.report.page import Link, Page
 from homolog_app.report.pdf import Bookmark, EmbeddedFigure, pdf_of
 
-__all__ = ["drawn_sheets", "sheets_of", "write_page"]
+__all__ = ["check_page_name", "drawn_sheets", "sheets_of", "write_page"]
 
 _WIDE, _HIGH = 8.27, 11.69
 """Of A4 [inches]."""
@@ -162,17 +163,27 @@ def _finished(sheets: Sequence[Sheet]) -> list[Figure]:
 
 
 def write_page(path: Path, page: Page) -> None:
-    """Write a page as a PDF of A4 pages with bookmarks, without what is collapsed.
+    """Write a page as HTML or, without what is collapsed, as a PDF of A4 pages with bookmarks, by the suffix.
 
     Raises
     ------
     InputError
-        If the file can't be written.
+        If the suffix is another one, or the file can't be written.
     """
+    check_page_name(path)
+    if path.suffix.lower() == ".html":
+        write_text(path, page.html)
+        return
     flow = _flow(page)
     content = pdf_of(_finished(flow.sheets), page.title, flow.contents)
     with atomic_write(path) as part:
         part.write_bytes(content)
+
+
+def check_page_name(path: Path) -> None:
+    """Raise InputError if a file's name is not that of a page."""
+    if path.suffix.lower() not in (".pdf", ".html"):
+        raise InputError(f"{path}: a page is written as .pdf or .html; choose such a name")
 
 
 def sheets_of(page: Page) -> list[Sheet]:

@@ -15,7 +15,7 @@ from homolog.errors import InputError
 from homolog.io.arrays import read_arrays, write_arrays
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord, ResultRecord, ResultSubject
-from homolog.io.results import Result, read_result, read_surface
+from homolog.io.results import Result, read_energies, read_result, read_surface
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
@@ -211,7 +211,7 @@ def load_result(project: ProjectFolder, tick: Tick = no_tick) -> LoadedResult:
         f"{sum(record.seconds.values()):.0f}\u00a0s on {record.device}"
     )
     summary += f"; {record.mirrored_text}" if record.mirrored_text else ""
-    return LoadedResult(result, surfaces, _energies(project), _frames(project), summary, record, verdict)
+    return LoadedResult(result, surfaces, read_energies(project), _frames(project), summary, record, verdict)
 
 
 def write_from_memory(
@@ -269,15 +269,6 @@ def _remarks(record: ResultRecord) -> str:
     """Describe the limitations of an imported model."""
     noted = [subject for subject in record.subjects if subject.notes]
     return f". {len(noted)} of them: {noted[0].notes[0]}" if noted else ""
-
-
-def _energies(project: ProjectFolder) -> FloatArray:
-    path = project.folder / "energies.csv"
-    try:
-        rows = path.read_text(encoding="utf-8").splitlines()[1:]  # empty for an imported model
-        return frozen(np.array([row.split(",") for row in rows], dtype=np.float64).reshape(-1, 4))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: can't be read: {error}; run again") from error
 
 
 def _fingerprint(project: ProjectFolder) -> str:

@@ -69,16 +69,19 @@ class ProjectController(Controller):
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return the handlers of the file commands."""
+        files = self._workspace.files
         return {
             "run.start": self.start_run,
-            "file.new": self._new,
-            "file.add": self._add,
+            "file.new": self._begin_with,
+            "file.add": self.asking(files.files, "Add files", FILES, does=self.open_paths),
             "file.open": self._open,
             "file.save": self.save,
             "file.save_as": self.save_as,
             "file.import": self._import,
             "file.import_model": self._import_model,
-            "file.export": self._export,
+            "file.export": self.asking(
+                files.new, "Export table", "cohort.csv", _TABLES, does=self.export_table
+            ),
             "file.close": self.leave,
             "edit.group": self._group,
         }
@@ -341,16 +344,11 @@ class ProjectController(Controller):
         if resumable:
             session.noticed.emit("Resume continues from the checkpoint of the run.")
 
-    def _new(self) -> None:
+    def _begin_with(self) -> None:
         path = self._workspace.files.folder(self._window, "Folder of segmentations or surfaces")
         if path and self.may_leave():
             self.begin()
             self.open_paths([path])
-
-    def _add(self) -> None:
-        paths = self._workspace.files.files(self._window, "Add files", FILES)
-        if paths:
-            self.open_paths(paths)
 
     def _open(self) -> None:
         path = self._workspace.files.folder(self._window, "Open project folder")
@@ -407,12 +405,6 @@ class ProjectController(Controller):
             self._workspace.session.noticed.emit(" · ".join(notes) or f"Imported from {source.name}")
 
         self._workspace.work.import_model(source, folder, domain, take)
-
-    @reported
-    def _export(self) -> None:
-        path = self._workspace.files.new(self._window, "Export table", "cohort.csv", _TABLES)
-        if path:
-            self.export_table(path)
 
     @reported
     def export_table(self, path: Path) -> None:

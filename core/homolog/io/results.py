@@ -25,6 +25,7 @@ __all__ = [
     "mean_file",
     "mode_file",
     "particle_file",
+    "read_energies",
     "read_modes",
     "read_result",
     "read_surface",
@@ -172,6 +173,22 @@ def read_surface(project: ProjectFolder, subject: ResultSubject) -> TriangleMesh
     if subject.is_mirrored and mesh.volume < 0.0:  # imported by an older version
         return TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
     return mesh
+
+
+def read_energies(project: ProjectFolder) -> FloatArray:
+    """Return iteration and the three terms of the objective during the run, (T, 4); empty if it was imported.
+
+    Raises
+    ------
+    InputError
+        If the table can't be read.
+    """
+    path = project.folder / "energies.csv"
+    try:
+        rows = path.read_text(encoding="utf-8").splitlines()[1:]
+        return frozen(np.array([row.split(",") for row in rows], dtype=np.float64).reshape(-1, 4))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: can't be read: {error}; run again") from error
 
 
 def write_smoothing(project: ProjectFolder, smoothing: FloatArray) -> None:

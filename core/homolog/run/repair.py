@@ -20,7 +20,7 @@ from homolog.io.arrays import read_arrays
 from homolog.io.atomic import write_text
 from homolog.io.project import ProjectFolder
 from homolog.io.records import IMPORTED, ResultRecord, ResultSubject
-from homolog.io.results import Result, read_result, read_surface
+from homolog.io.results import Result, read_energies, read_result, read_surface
 from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.result import OptimizationInput, OptimizationOutcome, add_note, model_of, write_result
@@ -308,7 +308,7 @@ def _outcome(
         transform_points(alignments, local),
         local,
         alignments,
-        np.loadtxt(project.folder / "energies.csv", delimiter=",", skiprows=1, ndmin=2),
+        read_energies(project),
         record.iterations,
         record.ended,
         record.seconds,

@@ -294,10 +294,11 @@ class ExploreController(Controller):
         self._workspace.work.compute("plan", work, "planning", dialog.show_plan)
 
     def _save_plan(self, plan: "Plan") -> None:
-        from homolog_app.report.plan import write_plan
+        from homolog_app.report.plan import plan_page
+        from homolog_app.report.sheets import write_page
 
         def save(path: Path) -> None:
-            write_plan(path, plan)
+            write_page(path, plan_page(plan))
             self._workspace.session.noticed.emit(f"Plan written to {path}")
 
         kinds = "PDF (*.pdf);;HTML (*.html)"
