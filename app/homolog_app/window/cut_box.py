@@ -49,12 +49,12 @@ class CutBox(QWidget):
         self.keep = ValueEdit("Length kept along the long axis [mm]", 0.1, 9999.0)
         self.keep.setPlaceholderText("keep")
         self.keep.setToolTip("Place the plane across the long axis so that this length is kept")
-        self.size = slider("Radius of the brush", *_SIZES, value=8)
-        self.size.setToolTip("Radius of the brush, in hundredths of the shape's length")
+        self.radius = slider("Radius of the brush", *_SIZES, value=8)
+        self.radius.setToolTip("Radius of the brush, in hundredths of the shape's length")
         self.where = QWidget()
         row(self.place, self.keep, label("mm", "Unit"), on=self.where)
         self.brush = QWidget()
-        row(label("Brush", "Hint"), (self.size, 1), on=self.brush)
+        row(label("Brush", "Hint"), (self.radius, 1), on=self.brush)
         column(
             label("Cut away", "SectionTitle"),
             row(*self.tools.values()),

@@ -206,7 +206,7 @@ class CutTool(QObject):
             return False
         self._session.select([subject.name])
         centre = transform_points(inverse_matrices(cell.content.alignment[None])[0], pick.place[None])[0]
-        radius = 0.01 * self._box.size.value() * float(np.ptp(whole.vertices, axis=0).max())
+        radius = 0.01 * self._box.radius.value() * float(np.ptp(whole.vertices, axis=0).max())
         text = self._pending[1] if self._pending is not None and self._pending[0] == subject.name else None
         cuts = list(readable_cuts(subject) if text is None else parse_cuts(text, subject.name))
         ball, last = Ball(centre, radius, keeps=self._box.tool == BACK), cuts[-1] if cuts else None
