@@ -6,13 +6,15 @@ import io
 import re
 import zipfile
 from collections import Counter
+from collections.abc import Callable
 from contextlib import closing
 from datetime import datetime, time
+from itertools import islice
 from pathlib import Path
 
 from homolog.errors import InputError
 
-__all__ = ["MISSING", "TABLE_SUFFIXES", "Row", "encoding_notes", "lists_labels", "read_rows"]
+__all__ = ["MISSING", "TABLE_SUFFIXES", "Row", "encoding_notes", "lists_labels", "read_rows", "read_sheets"]
 
 Row = dict[str, str]
 
@@ -22,7 +24,7 @@ TABLE_SUFFIXES = (".csv", ".tsv", ".xlsx")
 """Suffixes of tables."""
 
 _LARGEST = 64 * 2**20
-_LARGEST_UNPACKED = 256 * 2**20
+LARGEST_UNPACKED = 256 * 2**20
 _MOST_ROWS, _MOST_COLUMNS = 100_000, 1000
 _SEPARATORS = ",;\t"
 _SAID = re.compile(r'"?sep=(.)"?\r?\n', re.IGNORECASE)  # Excel's declaration of the separator
@@ -106,31 +108,58 @@ def _text_lines(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
 
 def _sheet_lines(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
     """Return the numbered lines of a workbook's first sheet as values."""
+    (sheet,) = read_sheets(path, "table", _cell, most=1).values()
+    lines: list[tuple[int, list[str]]] = []
+    for number, values in enumerate(sheet, start=1):
+        while values and not values[-1]:
+            values.pop()
+        if values or lines:
+            lines.append((number, values))
+    return lines, ","
+
+
+def read_sheets(
+    path: Path, kind: str, text: Callable[[object], str], most: int | None = None
+) -> dict[str, list[list[str]]]:
+    """Return the lines of a workbook's sheets, by title.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        Expected kind of file, for messages, such as ``"ShapeWorks project"``.
+    text : callable
+        Returns a cell's value as text.
+    most : int, optional
+        Largest number of sheets that are read, by default all.
+
+    Raises
+    ------
+    InputError
+        If it can't be read, or is implausibly large.
+    """
     import openpyxl
 
     if not path.is_file():
         raise InputError(f"{path}: does not exist; correct the path")
-    lines: list[tuple[int, list[str]]] = []
+    sheets = {}
     try:
         with zipfile.ZipFile(path) as archive:
-            if sum(item.file_size for item in archive.infolist()) > _LARGEST_UNPACKED:
-                raise InputError(f"{path}: is too large for a table; choose another file")
+            if sum(item.file_size for item in archive.infolist()) > LARGEST_UNPACKED:
+                raise InputError(f"{path}: is too large for a {kind}; choose another file")
         with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
-            sheet = book.worksheets[0]
-            sheet.reset_dimensions()  # the declared size of a sheet would be filled with blanks
-            for number, row in enumerate(sheet.iter_rows(values_only=True, max_col=_MOST_COLUMNS), start=1):
-                if number > _MOST_ROWS:
+            for sheet in book.worksheets[:most]:
+                sheet.reset_dimensions()  # the declared size of a sheet would be filled with blanks
+                rows = islice(sheet.iter_rows(values_only=True), _MOST_ROWS + 1)
+                lines = [[text(item) for item in row[:_MOST_COLUMNS]] for row in rows]
+                if len(lines) > _MOST_ROWS:
                     raise InputError(f"{path}: has more than {_MOST_ROWS} rows; choose another file")
-                values = [_cell(item) for item in row]
-                while values and not values[-1]:
-                    values.pop()
-                if values or lines:
-                    lines.append((number, values))
+                sheets[sheet.title] = lines
     except InputError:
         raise
     except Exception as error:  # zip, XML and openpyxl raise many kinds of errors
-        raise InputError(f"{path}: can't be read as a table: {error}; save it again") from error
-    return lines, ","
+        raise InputError(f"{path}: can't be read as a {kind}: {error}; save it again") from error
+    return sheets
 
 
 def _cell(value: object) -> str:

@@ -7,9 +7,7 @@ of its anatomies.
 """
 
 import os
-import zipfile
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
@@ -25,7 +23,7 @@ from homolog.errors import InputError
 from homolog.io.bounded import read_json
 from homolog.io.constraints import COLUMN, read_constraints, text_of
 from homolog.io.particles import PARTICLE_SUFFIXES, read_particles
-from homolog.spreadsheets import read_rows
+from homolog.spreadsheets import read_rows, read_sheets
 
 __all__ = [
     "INPUTS",
@@ -66,9 +64,6 @@ PATH_PREFIXES = (
 """Prefixes of columns with paths relative to the project's folder."""
 PREFIXES = (*PATH_PREFIXES, "alignment_", "procrustes_", "group_")
 """Prefixes of all columns that ShapeWorks interprets; other columns are table data."""
-
-LARGEST_UNPACKED = 256 * 2**20
-_MOST_ROWS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,25 +147,7 @@ def _from_json(path: Path) -> tuple[list[Row], dict[str, Any]]:
 
 
 def _from_xlsx(path: Path) -> tuple[list[Row], dict[str, Any]]:
-    import openpyxl
-
-    if not path.is_file():
-        raise InputError(f"{path}: does not exist; correct the path")
-    try:
-        with zipfile.ZipFile(path) as archive:
-            if sum(item.file_size for item in archive.infolist()) > LARGEST_UNPACKED:
-                raise InputError(
-                    f"{path}: is implausibly large for a ShapeWorks project; choose another file"
-                )
-        sheets = {}
-        with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
-            for sheet in book.worksheets:
-                sheet.reset_dimensions()  # the declared size of a sheet would be filled with blanks
-                sheets[sheet.title] = _table(path, sheet.iter_rows(values_only=True))
-    except InputError:
-        raise
-    except Exception as error:  # zip, XML and openpyxl raise many kinds of errors
-        raise InputError(f"{path}: can't be read as a ShapeWorks project: {error}; save it again") from error
+    sheets = {title: _table(lines) for title, lines in read_sheets(path, "ShapeWorks project", _text).items()}
     first = next(iter(sheets), "")
     rows = sheets.pop("data" if "data" in sheets else first, [])
     others: dict[str, Any] = {}
@@ -185,19 +162,14 @@ def _from_xlsx(path: Path) -> tuple[list[Row], dict[str, Any]]:
     return rows, others
 
 
-def _table(path: Path, lines: Any) -> list[Row]:  # noqa: ANN401 - openpyxl has no types
+def _table(lines: Sequence[Sequence[str]]) -> list[Row]:
     """Return a sheet's rows by the names in its first row, without blank rows."""
-    heads: list[str] = []
-    rows: list[Row] = []
-    for number, line in enumerate(lines):
-        if number > _MOST_ROWS:
-            raise InputError(f"{path}: has more than {_MOST_ROWS} rows; choose another file")
-        texts = [_text(value) for value in line]
-        if not heads:
-            heads = texts
-        elif any(texts):
-            rows.append({head: text for head, text in zip(heads, texts, strict=False) if head})
-    return rows
+    heads = lines[0] if lines else []
+    return [
+        {head: text for head, text in zip(heads, texts, strict=False) if head}
+        for texts in lines[1:]
+        if any(texts)
+    ]
 
 
 def _by_domain(table: Sequence[Row]) -> dict[str, Row]:
