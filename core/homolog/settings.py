@@ -336,6 +336,11 @@ class GroomSettings(_Settings):
     ] = False
 
     @property
+    def source(self) -> tuple[int | None, str | None, str | None, Values | None]:
+        """What of a file is read: a label, a name, several structures; and what its voxels are."""
+        return self.label, self.segment, self.structures, self.values
+
+    @property
     def of_structures(self) -> dict[str, "GroomSettings"]:
         """The settings of each of several structures alone, by its name; empty for one structure."""
         own, sources = _own_grooming(self.structure_grooming), dict(_named_sources(self.structures or ""))

@@ -6,6 +6,7 @@ import pytest
 
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_result
+from homolog.settings import RunSettings
 from homolog_app.scenes.subjects import subject_contents
 from homolog_app.studies import loaded_result
 from homolog_app.studies.loaded_result import load_result
@@ -46,7 +47,7 @@ def test_the_surfaces_that_were_looked_at_last_are_kept(finished_run, reads):
 
 def test_a_page_reads_the_surfaces_of_its_subjects_only(finished_run, reads):
     loaded = load_result(finished_run)
-    contents = subject_contents(finished_run.cohort().subjects, {}, {}, loaded)
+    contents = subject_contents(finished_run.cohort().subjects, {}, {}, loaded, RunSettings())
     assert (len(contents), reads) == (4, [])
     assert [content.name for content in contents[2:4]] == ["c", "d"]
     assert contents.named("e") is None

@@ -144,15 +144,15 @@ _PARTICLES = (
 
 
 def _write_measures(arguments: argparse.Namespace, _: None, out: Path, tick: Tick) -> str:
-    from homolog.io.results import read_result, read_surface
+    from homolog.io.results import read_result, read_whole_surface
     from homolog_app.exports.tables import distances_from_mean, group_lines, measure_meshes, write_measures
 
     project = ProjectFolder(arguments.project)
     result, record = read_result(project), project.read().result
     assert record is not None, "a result that was read has a record"
-    meshes = [read_surface(project, subject) for subject in record.subjects]
+    meshes = [read_whole_surface(project, record, subject) for subject in record.subjects]
     apart = distances_from_mean(result.world, result.world.mean(axis=0), result.mean_surface)
-    measures = measure_meshes(meshes, apart, tick)
+    measures = measure_meshes(meshes, apart, tick, list(result.structures))
     write_measures(out, result, measures, *arguments.particles)
     write_lines(*group_lines(result, measures, *arguments.particles))
     return ""

@@ -1,6 +1,6 @@
 """Frames: motions from several directions, with captions and scales, on a page."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -89,6 +89,22 @@ class Board:
         label = self.text(x + pixels / 2.0, y - 0.6 * self.em, f"{length:g} mm", room=8.0 * self.em, size=0.8)
         label.set_x(max(label.get_position()[0], (x + 2.0 * self.em) / self.width))
 
+    def legend(self, entries: Mapping[str, tuple[int, int, int]], y: float, *, room: float) -> None:
+        """Write names beside patches of their colours, up to the right edge of the page."""
+        size = 0.8
+        texts = [self.text(0.0, y, name, room=room / len(entries), size=size) for name in entries]
+        side, x = 0.7 * self.em, self.width - 0.8 * self.em
+        for text, colour in list(zip(texts, entries.values(), strict=True))[::-1]:
+            taken = text.get_window_extent().width
+            text.set_x((x - taken / 2.0) / self.width)
+            x -= taken + 1.5 * side
+            place = x / self.width, 1.0 - (y + side / 2.0) / self.height
+            own = [part / 255.0 for part in colour]
+            self._figure.add_artist(
+                Rectangle(place, side / self.width, side / self.height, color=own, linewidth=0.0)
+            )
+            x -= self.em
+
     def colour_bar(self, box: Box, limit: float) -> None:
         """Draw the scale of the displacement colours from -limit to limit [mm]."""
         place = self._figure.add_axes(
@@ -116,6 +132,7 @@ class Board:
         return np.asarray(page)
 
 
+_LEGEND = 0.3  # largest share of the page's width for the names of structures
 _RIM = 1.4  # space for letters around a picture [em]
 _THEMES = {Background.LIGHT: LIGHT, Background.DARK: DARK}
 
@@ -156,13 +173,14 @@ class Film:
         limit = _limit(motions) if coloured else None
         self._board = Board(settings.width, settings.height, theme, transparent=transparent)
         one_line = settings.caption and len(motions) == 1
+        names = {} if coloured else motions[0].structures
         plan = make_plan(
             motions,
             _views(motions, sights),
             (settings.width, settings.height),
             self._board.em,
             turntable=turntable,
-            strip=settings.scale_bar or one_line,
+            strip=settings.scale_bar or one_line or bool(names),
             caption=settings.caption,
             bar=coloured,
             rim=round(_RIM * self._board.em) if settings.directions else 0,
@@ -186,6 +204,8 @@ class Film:
             em = self._board.em
             most = SCALE_SHARE * settings.width
             self._board.scale_bar(0.8 * em, settings.height - 0.9 * em, most, plan.millimetres)
+        if names:
+            self._board.legend(names, settings.height - 0.9 * self._board.em, room=_LEGEND * settings.width)
         if plan.bar is not None and limit is not None:
             self._board.colour_bar(plan.bar, limit)
 

@@ -1,7 +1,7 @@
 """Motions (the mean along a mode, or from one group's mean to another's), and the layout of the page."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from homolog.statistics.reconstruction import warp_surface
 from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.camera import Frame, View, frame_around
-from homolog_app.rendering.colours import structure_colours
+from homolog_app.rendering.colours import structure_colour
 
 __all__ = [
     "SCALE_SHARE",
@@ -43,8 +43,8 @@ class Motion:
         Amounts at the ends of the motion.
     label : function of the amount
         Returns the caption.
-    colours : (V, 3) array, optional
-        Colours of several structures, red, green, blue in [0, 1].
+    structures : mapping of str to tuple of 3 int
+        Colour of each of several structures, red, green, blue in 0 ... 255; empty for a single one.
     """
 
     start: TriangleMesh
@@ -52,7 +52,15 @@ class Motion:
     low: float
     high: float
     label: Callable[[float], str]
-    colours: FloatArray | None = None
+    structures: Mapping[str, tuple[int, int, int]] = field(default_factory=dict)
+
+    @property
+    def colours(self) -> FloatArray | None:
+        """Colour of each vertex of several structures, red, green, blue in [0, 1]; None for a single one."""
+        if not self.structures:
+            return None
+        counts = [len(part.vertices) for part in self.start.parts]
+        return np.repeat(list(self.structures.values()), counts, axis=0) / 255.0
 
     @property
     def moves(self) -> bool:
@@ -61,7 +69,7 @@ class Motion:
 
     def at(self, amount: float) -> TriangleMesh:
         """Return the surface moved by an amount."""
-        return TriangleMesh(self.start.vertices + amount * self.displacement, self.start.faces)
+        return self.start.moved(self.start.vertices + amount * self.displacement)
 
 
 def mode_motions(result: Result, modes: Sequence[int], deviations: float) -> list[Motion]:
@@ -94,7 +102,7 @@ def mode_motions(result: Result, modes: Sequence[int], deviations: float) -> lis
             -deviations,
             deviations,
             _mode_text(model, mode, result),
-            _colours(result),
+            _structures(result),
         )
         for mode, move in zip(chosen.tolist(), moves, strict=True)
     ]
@@ -136,21 +144,18 @@ def group_motion(result: Result, column: str, first: str, second: str) -> Motion
         return f"{column}: {first} → {second}{aside}   {percent} %"
 
     mesh = result.mean_surface
-    return Motion(TriangleMesh(mesh.vertices + to_start, mesh.faces), move, 0.0, 1.0, label, _colours(result))
+    return Motion(mesh.moved(mesh.vertices + to_start), move, 0.0, 1.0, label, _structures(result))
 
 
 def static_motion(result: Result) -> Motion:
     """Return the mean surface at rest."""
     surface = result.mean_surface
     label = f"Mean shape ({result.mirrored} mirrored)" if result.mirrored else "Mean shape"
-    return Motion(surface, np.zeros_like(surface.vertices), 0.0, 0.0, lambda _: label, _colours(result))
+    return Motion(surface, np.zeros_like(surface.vertices), 0.0, 0.0, lambda _: label, _structures(result))
 
 
-def _colours(result: Result) -> FloatArray | None:
-    """Return the colours of several structures; None for a single one."""
-    if not result.parts:
-        return None
-    return np.asarray(structure_colours([part.vertices for part in result.parts]) / 255.0)
+def _structures(result: Result) -> dict[str, tuple[int, int, int]]:
+    return {part.name: structure_colour(place) for place, part in enumerate(result.parts)}
 
 
 def _warp(result: Result, displacements: FloatArray) -> FloatArray:

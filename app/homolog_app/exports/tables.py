@@ -1,7 +1,8 @@
 """Tables as files: scores, modes and measures of the subjects."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from homolog.io.atomic import write_text
 from homolog.io.names import file_stems
 from homolog.io.project import ProjectFolder
 from homolog.io.report_details import read_details
-from homolog.io.results import Result, read_result, read_surface
+from homolog.io.results import Result, read_result, read_whole_surface
 from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.statistics.assumptions import shape_outliers
@@ -47,6 +48,7 @@ __all__ = [
     "measure_meshes",
     "measures_along",
     "measures_of",
+    "structure_measures",
     "write_cohort",
     "write_measures",
     "write_tables",
@@ -199,13 +201,20 @@ def _write_subjects(
     far = set(shape_outliers(result.world).tolist())
     apart = np.sqrt(np.square(result.world - model.mean_).sum(axis=2).mean(axis=1))
     own, sizes = _columns(result), rms_radii(at_own_size(result.world, result.alignments)).tolist()
-    rows = []
+    rows, several, names = [], list[dict[str, FloatArray]](), list(result.structures)
     for index, subject in enumerate(record.subjects):
         tick(index / len(record.subjects), f"measuring {subject.name}")
-        mesh = read_surface(project, subject)
+        mesh = read_whole_surface(project, record, subject)
+        several.append(structure_measures([mesh], names) if names else {})
         measures = [enclosed_volume(mesh), mesh.area, sizes[index], float(apart[index]), int(index in far)]
         rows.append([subject.name, subject.group, *(subject.columns.get(name) for name in own), *measures])
-    heads = ["name", "group", *own, "volume_mm3", "area_mm2", "size_mm", "distance_from_mean_mm", "outlier"]
+    titles = list(dict.fromkeys(title for values in several for title in values))
+    rows = [
+        [*row, *(float(values[title][0]) if title in values else None for title in titles)]
+        for row, values in zip(rows, several, strict=True)
+    ]
+    measured = ["volume_mm3", "area_mm2", "size_mm", "distance_from_mean_mm", "outlier"]
+    heads = ["name", "group", *own, *measured, *titles]
     write_table(path, *_without_volumes(heads, rows, "volume_mm3"))
 
 
@@ -263,20 +272,62 @@ class Measures:
     """Volume, area, mean wall thickness and mean distance from the mean surface, shape (n,) each.
 
     Units are ml, cm² and mm. The volume of an open surface is NaN. The distance is that of
-    `distances_from_mean`.
+    `distances_from_mean`. `structures` are those of `structure_measures`.
     """
 
     volumes: FloatArray
     areas: FloatArray
     walls: FloatArray
     from_mean: FloatArray
+    structures: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def columns(self, apart: FloatArray) -> tuple[FloatArray, ...]:
         """Return distances of two particles [mm], shape (M,), and the four measures."""
         return apart, self.volumes, self.areas, self.walls, self.from_mean
 
 
-def measure_meshes(meshes: Sequence[TriangleMesh], from_mean: FloatArray, tick: Tick = no_tick) -> Measures:
+def structure_measures(
+    meshes: Sequence[TriangleMesh], names: Sequence[str], tick: Tick = no_tick
+) -> dict[str, FloatArray]:
+    """Measure the structures of surfaces, and the space between them.
+
+    Parameters
+    ----------
+    meshes : sequence of TriangleMesh
+        Each of as many parts as there are names.
+    names : sequence of str
+    tick : Tick
+
+    Returns
+    -------
+    dict of str to (n,) array
+        By the title of the column: the volumes of closed structures [ml], and the smallest distance between
+        the surfaces of each two [mm], negative where one enters the other, by its depth.
+    """
+    from homolog.surfaces.closest import distances_to, signed_distances_to
+
+    values = dict[str, list[float]]()
+    for index, mesh in enumerate(meshes):
+        tick(index / len(meshes), "measuring structures")
+        volumes = [enclosed_volume(part) / _MM3_IN_ML for part in mesh.parts]
+        for name, volume in zip(names, volumes, strict=True):
+            values.setdefault(f"volume_{name}_ml", []).append(volume)
+        for (first, a), (second, b) in combinations(enumerate(mesh.parts), 2):
+            apart = [
+                (distances_to if np.isnan(volumes[other]) else signed_distances_to)(whole, part.vertices)
+                for part, other, whole in ((a, second, b), (b, first, a))
+            ]
+            title = f"distance_{names[first]}_{names[second]}_mm"
+            values.setdefault(title, []).append(float(np.concatenate(apart).min()))
+    return {title: column for title, row in values.items() if np.isfinite(column := np.array(row)).any()}
+
+
+def measure_meshes(
+    meshes: Sequence[TriangleMesh],
+    from_mean: FloatArray,
+    tick: Tick = no_tick,
+    structures: Sequence[str] = (),
+) -> Measures:
     """Measure surfaces.
 
     Parameters
@@ -285,30 +336,35 @@ def measure_meshes(meshes: Sequence[TriangleMesh], from_mean: FloatArray, tick: 
     from_mean : (n,) array
         Distances of the shapes from the mean surface [mm].
     tick : Tick
+    structures : sequence of str
+        Names of their parts, if there are several.
     """
     from homolog.surfaces.walls import mean_over_area, wall_thickness
 
     volumes, areas, walls = (np.empty(len(meshes)) for _ in range(3))
     for index, mesh in enumerate(meshes):
-        tick(index / len(meshes), "measuring")
+        tick(0.5 * index / len(meshes), "measuring")
         volumes[index], areas[index] = enclosed_volume(mesh) / _MM3_IN_ML, mesh.area / _MM2_IN_CM2
         walls[index] = mean_over_area(mesh, wall_thickness(mesh))
-    return Measures(volumes, areas, walls, from_mean)
+    own = structure_measures(meshes, structures, part_of(tick, 0.5, 1.0)) if structures else {}
+    return Measures(volumes, areas, walls, from_mean, own)
 
 
 def measures_of(loaded: LoadedResult, mean: TriangleMesh, tick: Tick = no_tick) -> Measures:
     """Measure the subjects' own surfaces; their distance is that from a mean surface."""
     world = loaded.result.world
     apart = distances_from_mean(world, world.mean(axis=0), mean)
-    return measure_meshes([loaded.surfaces[name][0] for name in loaded.result.names], apart, tick)
+    meshes = [loaded.surfaces[name][0] for name in loaded.result.names]
+    return measure_meshes(meshes, apart, tick, list(loaded.result.structures))
 
 
 def measures_along(shape: ModelShape, mode: int, amounts: FloatArray, tick: Tick = no_tick) -> Measures:
     """Measure the shapes at positions (n,) [SD] along a mode, counted from 0."""
     steps = [amount * np.eye(mode + 1)[mode] for amount in amounts]
-    meshes = [TriangleMesh(shape.mean.vertices + shape.moved(at), shape.mean.faces) for at in steps]
-    instances = np.stack([shape.model.instance(at) for at in steps])
-    return measure_meshes(meshes, distances_from_mean(instances, shape.model.mean_, shape.mean), tick)
+    meshes = [shape.mean.moved(shape.mean.vertices + shape.moved(at)) for at in steps]
+    instances = np.stack([shape.particles(at) for at in steps])
+    apart = distances_from_mean(instances, shape.model.mean_, shape.mean)
+    return measure_meshes(meshes, apart, tick, list(shape.result.structures))
 
 
 def distances_from_mean(world: FloatArray, centre: FloatArray, mean: TriangleMesh) -> FloatArray:
@@ -363,7 +419,8 @@ def _measured(result: Result, measures: Measures, first: int, second: int) -> di
     """Return the measures by their column titles."""
     titles = (f"distance_{first}_{second}_mm", "volume_ml", "area_cm2", "wall_mm")
     columns = measures.columns(distances(result.local, first, second))
-    return dict(zip((*titles, "distance_from_mean_surface_mm"), columns, strict=True))
+    usual = zip((*titles, "distance_from_mean_surface_mm"), columns, strict=True)
+    return {**dict(usual), **measures.structures}
 
 
 def distances(particles: FloatArray, first: int, second: int) -> FloatArray:

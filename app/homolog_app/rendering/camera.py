@@ -9,7 +9,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from homolog.arrays import FloatArray
-from homolog_app.rendering.colours import DARK_SCHEME, LIGHT_SCHEME, Colours
+from homolog_app.rendering.colours import (
+    DARK_SCHEME,
+    LIGHT_SCHEME,
+    Colours,
+    rgb_bytes,
+    structure_colour,
+)
 
 __all__ = [
     "VIEWS",
@@ -21,6 +27,7 @@ __all__ = [
     "Cut",
     "Display",
     "Frame",
+    "Layer",
     "View",
     "around",
     "cut_of",
@@ -293,6 +300,31 @@ class CameraState(BaseModel):
         camera.SetParallelScale(self.height / 2.0)
 
 
+class Layer(BaseModel):
+    """How a structure is shown.
+
+    Attributes
+    ----------
+    name : str
+    shown : bool
+    opacity : float
+        Of its surfaces, beside that of all.
+    colour : str
+        As ``#rrggbb``; that of its place among the structures if empty.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    name: str
+    shown: bool = True
+    opacity: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
+    colour: Annotated[str, Field(pattern="^(#[0-9a-f]{6})?$")] = ""
+
+    def colour_at(self, place: int) -> tuple[int, int, int]:
+        """Return red, green and blue of the structure at a place among all."""
+        return rgb_bytes(self.colour) if self.colour else structure_colour(place)
+
+
 class Display(BaseModel):
     """What the user chose to see in the views, on every page.
 
@@ -309,6 +341,8 @@ class Display(BaseModel):
         Whether the anatomical directions and a scale bar are shown.
     clip : Clip or None
         The plane that cuts the shapes open.
+    layers : tuple of Layer
+        Structures that are not shown as usual.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -323,6 +357,15 @@ class Display(BaseModel):
     letters: bool = True
     scale_bar: bool = True
     clip: Clip | None = None
+    layers: tuple[Layer, ...] = ()
+
+    def layer(self, name: str) -> Layer:
+        """Return how a structure is shown."""
+        return next((layer for layer in self.layers if layer.name == name), Layer(name=name))
+
+    def with_layer(self, layer: Layer) -> tuple[Layer, ...]:
+        """Return the layers with one of them replaced."""
+        return (*(other for other in self.layers if other.name != layer.name), layer)
 
     def changed(self, **fields: object) -> Self:
         """Return a copy with other values."""

@@ -1,5 +1,6 @@
 """The colour scale as a picture: below the views, and below saved pictures."""
 
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 from homolog_app.rendering.colours import GREY, Colours, ColourScale
 from homolog_app.rendering.text import font_file, tick_labels, written
 
-__all__ = ["HEIGHT", "SIDE", "WIDEST", "scale_height", "scale_picture"]
+__all__ = ["HEIGHT", "SIDE", "WIDEST", "legend_picture", "scale_height", "scale_picture"]
 
 _DOT = " · "
 
@@ -67,6 +68,39 @@ def scale_picture(
         x = left + length * (value - scale.low) / (scale.high - scale.low)
         draw.line((x, bottom, x, bottom + 4 * ratio), colours.text, thin)
         draw.text((x, bottom + 13 * ratio), text, colours.text, font, anchor="mm")
+    return np.array(page)
+
+
+def legend_picture(
+    entries: Mapping[str, tuple[int, int, int]],
+    colours: Colours,
+    width: int,
+    ratio: float,
+    *,
+    transparent: bool = False,
+) -> NDArray[np.uint8]:
+    """Return names beside patches of their colours as a strip of a picture, shape (height, width, 4).
+
+    Names that don't fit into a line continue in the next one. Other parameters as for `scale_picture`.
+    """
+    size, own = round(_LETTERS * ratio), font_file("".join(entries))
+    font, line = _font(own, size), round(_TOP * ratio)
+    lines: list[list[tuple[str, float]]] = [[]]
+    for name in entries:
+        taken = _PATCH * ratio + font.getlength(written(name, own)) + 2 * size
+        if lines[-1] and sum(part for _, part in lines[-1]) + taken > width:
+            lines.append([])
+        lines[-1].append((name, taken))
+    page = Image.new("RGBA", (width, line * len(lines)), "#00000000" if transparent else colours.scene)
+    draw = ImageDraw.Draw(page)
+    for number, row in enumerate(lines):
+        left, middle = (width - sum(part for _, part in row)) / 2 + size, (number + 0.5) * line
+        for name, taken in row:
+            box = (left, middle - size / 2, left + size, middle + size / 2)
+            draw.rectangle(box, entries[name], colours.dim, max(1, round(ratio)))
+            place = left + _PATCH * ratio, middle
+            draw.text(place, written(name, own), colours.text, font, anchor="lm")
+            left += taken
     return np.array(page)
 
 

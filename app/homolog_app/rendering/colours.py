@@ -33,7 +33,7 @@ __all__ = [
     "page_colours",
     "rgb",
     "rgb_bytes",
-    "structure_colours",
+    "structure_colour",
     "viridis",
 ]
 
@@ -196,19 +196,14 @@ def diverging_colours(values: FloatArray, limit: float) -> FloatArray:
     return np.stack(columns, axis=1)
 
 
-def structure_colours(vertices: Sequence[slice]) -> Array:
-    """Return a colour of its own for each of several structures, by vertex, (V, 3) uint8.
+def structure_colour(place: int) -> tuple[int, int, int]:
+    """Return red, green, blue of the structure at a place among several.
 
     Those of groups, half as strong, so that light and shade are seen.
-
-    Parameters
-    ----------
-    vertices : sequence of slice
-        The vertices of each structure, one after another.
     """
-    bone, groups = np.array(rgb_bytes(LIGHT_SCHEME.bone)), LIGHT_SCHEME.groups
-    own = [(bone + rgb_bytes(groups[number % len(groups)])) // 2 for number in range(len(vertices))]
-    return np.repeat(own, [item.stop - item.start for item in vertices], axis=0).astype(np.uint8)
+    bone, own = rgb_bytes(LIGHT_SCHEME.bone), rgb_bytes(LIGHT_SCHEME.groups[place % len(LIGHT_SCHEME.groups)])
+    red, green, blue = ((a + b) // 2 for a, b in zip(bone, own, strict=True))
+    return red, green, blue
 
 
 def colours_by_place(mean: FloatArray) -> Array:

@@ -1,7 +1,7 @@
 """Contents of the views."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import overload
 
 import numpy as np
@@ -81,6 +81,9 @@ class Content:
         Drawn in front of everything.
     titled : bool
         Whether the caption begins with the name.
+    structures : mapping of str to int
+        Number of particles of each of several structures, in the order of the surfaces' parts; empty for a
+        single one.
     """
 
     name: str
@@ -98,6 +101,16 @@ class Content:
     faded: bool = False
     numbers: Numbers | None = None
     titled: bool = True
+    structures: Mapping[str, int] = field(default_factory=dict)
+
+    def owners(self, particles: int) -> IntArray:
+        """Return the place of the structure of each particle, -1 if unknown; a run begins with fewer."""
+        counts = np.array(list(self.structures.values()), dtype=np.intp)
+        while counts.sum() > max(particles, len(counts)):
+            counts = (counts + 1) // 2  # as particles are split
+        if counts.sum() != particles:
+            return np.full(particles, -1)
+        return np.repeat(np.arange(len(counts)), counts)
 
     @property
     def caption(self) -> list[str]:

@@ -14,8 +14,8 @@ from homolog.geometry import scale_of, transform_points
 from homolog.surfaces.mirroring import mirrors
 from homolog_app.rendering.actors import Overview, SceneActors
 from homolog_app.rendering.camera import VIEWS as ANATOMICAL
-from homolog_app.rendering.camera import Box, Canvas, Clip, Cut, Display, View, around, extent_of
-from homolog_app.rendering.colour_bar import scale_picture
+from homolog_app.rendering.camera import Box, Canvas, Clip, Cut, Display, Layer, View, around, extent_of
+from homolog_app.rendering.colour_bar import legend_picture, scale_picture
 from homolog_app.rendering.colours import LIGHT_SCHEME, Colours, colours_by_place, rgb, rgb_bytes
 from homolog_app.rendering.content import Content, ViewContents
 from homolog_app.rendering.opengl import SMOOTH, need_no_display, pixels_of
@@ -159,6 +159,7 @@ _OVER = 0.5
 """Opacity of a surface that is drawn over another."""
 _LEAST_MARGIN, _SMALL, _SPARSE = 0.94, 0.5, 5
 _SURFACES = ("raw", "groomed", "coarse")
+_UNPAINTED = np.zeros(3, np.uint8)
 
 
 class ViewCell:
@@ -170,8 +171,10 @@ class ViewCell:
         self._actors = SceneActors(renderer)
         self._placed: dict[str, FloatArray] = {}
         self._boxes: dict[str, Box] = {}
-        self._surfaces: dict[str, Surface] = {}
+        self._surfaces: dict[str, list[Surface]] = {}
         self._shown: dict[str, float] = {}
+        self._display = Display()
+        self._values: tuple[Array | None, list[Array]] = None, []
         self._balls: Balls | None = None
         self._cut: Cut | None = None
         self._colours = LIGHT_SCHEME
@@ -218,6 +221,7 @@ class ViewCell:
         overlaid = self.content is not None and self.content.overlaid
         faded = self.content is not None and self.content.faded and "raw" in self._placed
         raw, groomed, opacity = display.raw or overlaid or faded, display.groomed, display.opacity
+        self._display = display
         both = raw and groomed and "groomed" in self._placed
         coloured = self.content is not None and self.content.colours is not None
         light = quick and not coloured and "coarse" in self._placed
@@ -239,8 +243,14 @@ class ViewCell:
 
     def show_particles(self, points: FloatArray | None, colours: Array | None, radius: float) -> None:
         """Move the particles, or hide them, and draw the current content."""
-        none = points is None or colours is None
-        self._balls = None if none else Balls(np.asarray(points), radius, np.asarray(colours))
+        self._balls = None
+        if points is not None and colours is not None:
+            points, colours = np.asarray(points), np.asarray(colours)
+            if hidden := [place for place, layer in enumerate(self._layers) if not layer.shown]:
+                assert self.content is not None
+                seen = ~np.isin(self.content.owners(len(points)), hidden)
+                points, colours = points[seen], colours[seen] if colours.ndim > 1 else colours
+            self._balls = Balls(points, radius, colours)
         self._update()
 
     def _update(self) -> None:
@@ -248,7 +258,7 @@ class ViewCell:
         content = self.content
         self._actors.show(
             Scene(
-                tuple(self._surface(name) for name in _SURFACES),
+                tuple(surface for name in _SURFACES for surface in self._parts_of(name)),
                 self._balls,
                 arrows=content.arrows if content is not None else None,
                 lines=content.lines if content is not None else None,
@@ -259,23 +269,46 @@ class ViewCell:
             )
         )
 
-    def _surface(self, name: str) -> Surface | None:
-        """Return the displayed surface; the same object as long as it is unchanged."""
-        content = self.content
+    @property
+    def _layers(self) -> list[Layer]:
+        """How each structure of the content is shown; none for a single one."""
+        return [self._display.layer(name) for name in (self.content.structures if self.content else ())]
+
+    def _parts_of(self, name: str) -> list[Surface | None]:
+        """Return a displayed surface by structure; the same objects as long as they are unchanged."""
+        content, layers = self.content, self._layers
         if content is None or name not in self._placed or name not in self._shown:
-            return None
-        colours = content.colours if name == "groomed" else None
-        colours = self._plain[name] if colours is None else colours
-        opacity, before = self._shown[name], self._surfaces.get(name)
-        if before is None:
-            mesh, linear = getattr(content, name), content.alignment[:3, :3]
-            own = content.normals if name == "groomed" else None
-            normals = (mesh.vertex_normals if own is None else own) @ linear.T / scale_of(content.alignment)
-            faces = mesh.faces[:, ::-1] if mirrors(content.alignment) else mesh.faces
-            self._surfaces[name] = Surface(self._placed[name], normals, faces, colours, opacity)
-        elif before.colours is not colours or before.opacity != opacity:
-            self._surfaces[name] = replace(before, colours=colours, opacity=opacity)
-        return self._surfaces[name]
+            return [None] * max(1, len(layers))
+        if name not in self._surfaces:
+            self._surfaces[name] = self._built(content, name)
+        parts = self._surfaces[name]
+        layers = layers if len(layers) == len(parts) else [Layer(name="")]
+        values = content.colours if name == "groomed" else None
+        if values is not None and values is not self._values[0]:
+            self._values = values, np.split(values, np.cumsum([len(part.vertices) for part in parts])[:-1])
+        plain = self._plain[name]
+        for place, (part, layer) in enumerate(zip(parts, layers, strict=False)):
+            own = np.array(layer.colour_at(place), np.uint8) if len(layers) > 1 else plain
+            colours = own if values is None else self._values[1][place]
+            opacity = layer.opacity * self._shown[name]
+            is_same = colours is part.colours or (values is None and np.array_equal(colours, part.colours))
+            if not is_same or opacity != part.opacity:
+                parts[place] = replace(part, colours=colours, opacity=opacity)
+        return [part if layer.shown else None for part, layer in zip(parts, layers, strict=False)]
+
+    def _built(self, content: Content, name: str) -> list[Surface]:
+        """Return a surface by structure, still without colours."""
+        mesh, linear = getattr(content, name), content.alignment[:3, :3]
+        own = content.normals if name == "groomed" else None
+        normals = (mesh.vertex_normals if own is None else own) @ linear.T / scale_of(content.alignment)
+        turned, parts, begin = mirrors(content.alignment), [], 0
+        for part in mesh.parts:
+            end = begin + len(part.vertices)
+            faces = part.faces[:, ::-1] if turned else part.faces
+            vertices = self._placed[name][begin:end]
+            parts.append(Surface(vertices, normals[begin:end], faces, _UNPAINTED, 1.0))
+            begin = end
+        return parts
 
     def show_caption(self, size: int, *, small: bool, letters: bool, bar: bool) -> None:
         """Show the subject's name and note, the letters and a scale bar, with a text height [pixels]."""
@@ -471,6 +504,16 @@ class Grid:
         """The contents of the page."""
         return self._contents[self.page * self.count : (self.page + 1) * self.count]
 
+    @property
+    def structures(self) -> list[str]:
+        """The structures of the contents of the page."""
+        return list(dict.fromkeys(name for content in self.shown for name in content.structures))
+
+    @property
+    def is_coloured(self) -> bool:
+        """Whether colours of surfaces mean values, not structures."""
+        return any(content.colours is not None for content in self.shown)
+
     def cell_of(self, name: str) -> ViewCell | None:
         """Return the view of a content by its name; None if it is not shown."""
         return next(
@@ -644,7 +687,8 @@ def drawn(
     Returns
     -------
     (height, width, 4) uint8 array
-        Red, green, blue, opacity; with the colour scale, if any, at the lower edge.
+        Red, green, blue, opacity; with the colour scale or the names of structures, if any, at the lower
+        edge.
     """
     need_no_display()
     _release_context_of_qt()
@@ -664,6 +708,7 @@ def drawn(
     grid.show_page(canvas.page)
     window.Render()
     pixels = pixels_of(window)
+    structures = [] if grid.is_coloured else grid.structures
     grid.close()
     window.Finalize()
     if not transparent:
@@ -671,6 +716,12 @@ def drawn(
     if shown.scale is not None:
         strip = scale_picture(
             shown.scale, canvas.colours, pixels.shape[1], ratio * canvas.text, transparent=transparent
+        )
+        pixels = np.concatenate([pixels, strip])
+    elif names := [name for name in structures if canvas.layer(name).shown]:
+        entries = {name: canvas.layer(name).colour_at(structures.index(name)) for name in names}
+        strip = legend_picture(
+            entries, canvas.colours, pixels.shape[1], ratio * canvas.text, transparent=transparent
         )
         pixels = np.concatenate([pixels, strip])
     return pixels

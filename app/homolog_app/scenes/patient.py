@@ -238,8 +238,7 @@ def compared(
     subject = patient_at(path)
     comparison = compare_patient(reference, subject, values, cut_off=cut_off, tick=tick)
     places = [region_place(comparison, region) for region in comparison.regions]
-    groom = reference.provenance.groom
-    survey = survey_subject(subject, groom.label, groom.segment, groom.values)
+    survey = survey_subject(subject, reference.provenance.groom)
     return ComparedPatient(comparison, subject, places, subject.image, survey.voxels)
 
 

@@ -17,7 +17,6 @@ from homolog_app.rendering.colours import (
     ColourScale,
     common_limit,
     displacement_scale,
-    structure_colours,
     viridis,
 )
 from homolog_app.rendering.content import Content, ViewContents
@@ -116,8 +115,6 @@ def model_content(
         if look.from_middle:
             outward = outward * outward_sign(shape.mean.vertices, shape.mean_normals)
         colours = look.scale.colours(outward, faint=faded)
-    elif shape.result.parts:
-        colours = structure_colours([part.vertices for part in shape.result.parts])
     arrows = None
     if look.arrows:
         at = shape.arrows_at if faded is None else shape.arrows_at[~faded[shape.arrows_at]]
@@ -125,8 +122,19 @@ def model_content(
             vertices[at], normals[at], look.arrows * (moved if ways is None else ways)[at], placed
         )
     lines = None if faded is None else _placed(region_border(vertices, shape.mean.faces, faded), placed)
-    mesh = TriangleMesh(vertices, shape.mean.faces)
-    return Content(name, None, mesh, None, placed, note, colours, normals, arrows, lines)
+    return Content(
+        name,
+        None,
+        shape.mean.moved(vertices),
+        None,
+        placed,
+        note,
+        colours,
+        normals,
+        arrows,
+        lines,
+        structures=shape.result.structures,
+    )
 
 
 def outward_sign(vertices: Array, normals: Array) -> Array:
@@ -209,7 +217,7 @@ def named_surface(
     if of_group:
         deviations = shape.model.scores_[of_group].mean(axis=0) / shape.model.standard_deviations_
         vertices = shape.mean.vertices + shape.moved(deviations)
-        return TriangleMesh(vertices, shape.mean.faces), shape.model.instance(deviations)
+        return shape.mean.moved(vertices), shape.particles(deviations)
     if not Path(name).is_file():
         raise InputError(f"{name}: not found; give a subject, 'mean', 'mean of GROUP', or a mesh file")
     return mesh_file(Path(name)), None
@@ -277,7 +285,7 @@ def mode_scene(view: ModesView, models: _Models, subject: Content | None = None)
         )
         content = untitled(content, models)
         contents.append(content)
-        local = model.model.instance(deviations[: model.modes])
+        local = model.particles(deviations[: model.modes])
         particles[content.name] = transform_points(content.alignment, local)
     if subject is not None:
         first = models[0].result
@@ -341,7 +349,7 @@ def _placement(model: "ModelShape", models: _Models) -> FloatArray:
 def _caption(deviations: FloatArray, model: "ModelShape", subject: Content | None) -> str:
     away = [(mode, float(value)) for mode, value in enumerate(deviations) if value]
     if subject is not None:
-        gaps = model.model.instance(deviations) - model.result.world[model.result.names.index(subject.name)]
+        gaps = model.particles(deviations) - model.result.world[model.result.names.index(subject.name)]
         gap = float(np.linalg.norm(gaps, axis=1).mean())
         count = len(deviations)
         return f"from {count} mode{'s' * (count != 1)}, {short(gap)} mm from its particles"
@@ -549,7 +557,7 @@ def _measured(view: MeasureView, shape: "ModelShape", subject: Content | None) -
     """Return the shape, or a subject's own surface, and its particles (N, 3)."""
     if subject is None:
         deviations = deviations_of(view)
-        particles = shape.model.instance(deviations)
+        particles = shape.particles(deviations)
         text = f"mode {view.mode + 1}: {signed(view.at)} SD · {_distance_text(particles, view)}"
         content = model_content(shape, shape.title, text, shape.moved(deviations), DisplayOptions())
         return _with_pins(untitled(content, [shape]), particles[list(view.particles)]), particles

@@ -18,6 +18,7 @@ from homolog_app.scenes.subjects import Groomed, moment_of, single_subject, subj
 from homolog_app.studies.file_survey import survey_subject
 from homolog_app.studies.jobs import groomed_before
 from homolog_app.studies.loaded_result import LoadedResult, load_result
+from homolog_app.studies.structures import aspect_of, part_of_aspect, project_of_aspect
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection
@@ -43,17 +44,20 @@ def view_contents_of(project: ProjectFolder, wanted: Snapshot, tick: Tick) -> Vi
     """
     tick(0.0, "reading the project")
     project.recover()
+    wanted = wanted.model_copy(update={"title": wanted.title or project.folder.name})
     loaded = load_result(project) if project.read().result is not None else None
+    whole, project = loaded, project_of_aspect(project, wanted.aspect)
+    loaded = None if whole is None else part_of_aspect(whole, wanted.aspect)
     match wanted.view:
         case ModesView() as view:
-            models = _models(project, _needed(project, loaded), wanted, part_of(tick, 0.1, 0.8))
+            models = _models(_aspect(project, whole, wanted), wanted, part_of(tick, 0.1, 0.8))
             _check(view.subject in ("", *models[0].result.names), f"no subject {view.subject!r}")
             own = _contents(project, loaded, wanted, tick, view.subject) if view.subject else []
             return mode_scene(view, models, single_subject(own[0]) if own else None)
         case GroupsView() as view:
             return _groups(project, _needed(project, loaded), wanted, view, tick)
         case MeasureView() as view:
-            models = _models(project, _needed(project, loaded), wanted, part_of(tick, 0.1, 0.8))
+            models = _models(_needed(project, loaded), wanted, part_of(tick, 0.1, 0.8))
             inside = max(view.particles) < len(models[0].model.mean_) and view.mode < models[0].modes
             _check(inside, f"there is no mode {view.mode + 1}, or no such particle")
             named: dict[str, Content] = {}
@@ -96,9 +100,8 @@ def _contents(
     surveys = {}
     for number, subject in enumerate(needs_file):
         tick(0.1 + 0.1 * number / len(needs_file), f"reading {subject.name}")
-        groom = settings.groom
-        surveys[subject.name] = survey_subject(subject, groom.label, groom.segment, groom.values)
-    return subject_contents(subjects, surveys, groomed, loaded)
+        surveys[subject.name] = survey_subject(subject, settings.groom)
+    return subject_contents(subjects, surveys, groomed, loaded, settings)
 
 
 def _with_particles(shown: ViewContents, loaded: LoadedResult | None, moment: int | None) -> ViewContents:
@@ -112,11 +115,15 @@ def _with_particles(shown: ViewContents, loaded: LoadedResult | None, moment: in
     return replace(shown, particles=particles, tints=tints)
 
 
-def _models(project: ProjectFolder, loaded: LoadedResult, wanted: Snapshot, tick: Tick) -> "list[ModelShape]":
+def _aspect(project: ProjectFolder, whole: LoadedResult | None, wanted: Snapshot) -> LoadedResult:
+    return aspect_of(_needed(project, whole), wanted.aspect)
+
+
+def _models(loaded: LoadedResult, wanted: Snapshot, tick: Tick) -> "list[ModelShape]":
     from homolog_app.studies.model_shape import facing, fit_model_shape, read_model_shape
 
-    title = wanted.title or project.folder.name
-    models = [fit_model_shape(title, loaded.method, loaded.result, part_of(tick, 0.0, 0.5))]
+    now = part_of(tick, 0.0, 0.5)
+    models = [fit_model_shape(wanted.title, loaded.method, loaded.result, now, rigid=loaded.is_rigid)]
     if wanted.beside is not None:
         name = wanted.beside.resolve().name
         other = read_model_shape(name, ProjectFolder(wanted.beside), part_of(tick, 0.5, 1.0))
@@ -129,7 +136,7 @@ def _groups(
 ) -> ViewContents:
     from homolog_app.studies.answers import answer_groups
 
-    models = _models(project, loaded, wanted, part_of(tick, 0.1, 0.5))
+    models = _models(loaded, wanted, part_of(tick, 0.1, 0.5))
     if view.request is None:
         return group_scene(view, models, [])
     ticks = [part_of(tick, 0.5 + 0.4 * n / len(models), 0.9) for n in range(len(models))]

@@ -183,12 +183,15 @@ class Snapshot(_View):
         Title of the study, in captions that include it.
     beside : Path or None
         The project that is compared with it.
+    aspect : str
+        What of several structures is shown (`homolog_app.studies.structures`).
     """
 
     view: View
     canvas: Canvas = Canvas()
     title: str = ""
     beside: Path | None = None
+    aspect: str = ""
 
     @property
     def as_json(self) -> str:

@@ -13,7 +13,7 @@ from homolog.errors import InputError
 from homolog.geometry import transform_points
 from homolog.io.constraints import cuts_of, parse_cuts, text_of
 from homolog.io.records import note_kinds
-from homolog.settings import GroomSettings
+from homolog.settings import GroomSettings, RunSettings
 from homolog.surfaces.clipping import Cut
 from homolog.surfaces.mesh import TriangleMesh, joined
 from homolog.surfaces.mirroring import mirrors
@@ -118,6 +118,7 @@ def subject_contents(
     surveys: "Mapping[str, FileSurvey]",
     groomed: Mapping[str, Groomed],
     result: LoadedResult | None,
+    settings: RunSettings,
 ) -> SubjectContents:
     """Return the contents of all subjects.
 
@@ -126,6 +127,8 @@ def subject_contents(
     """
     alignments = dict(zip(result.result.names, result.result.alignments, strict=True)) if result else {}
     done = {item.name: own_text(item.columns) for item in result.record.subjects} if result else {}
+    wanted = {name: alone.optimize.particles for name, alone in settings.of_structures.items()}
+    structures = result.result.structures if result else wanted
     turned = dict(zip(alignments, mirrors(result.result.alignments).tolist(), strict=True)) if result else {}
 
     def made(place: int) -> Content:
@@ -154,7 +157,11 @@ def subject_contents(
         if fine is None and survey is not None and survey.every > 1:
             notes.append(f"every {_ORDINALS.get(survey.every, f'{survey.every}th')} voxel")
         note = " · ".join(note for note in notes if note)
-        return Content(subject.name, raw, fine, coarse, alignment, note, faded=faded)
+        count = len((fine or raw or _NO_SURFACE).parts)
+        layers = structures if count == len(structures) else {}
+        if raw is not None and not faded and len(raw.parts) != count:
+            raw = None  # of all structures, and one of them is shown
+        return Content(subject.name, raw, fine, coarse, alignment, note, faded=faded, structures=layers)
 
     return SubjectContents([subject.name for subject in subjects], made)
 
@@ -187,9 +194,11 @@ def parts_of(whole: TriangleMesh, text: str) -> tuple[TriangleMesh, TriangleMesh
     from homolog.grooming.cuts import kept_surface
 
     kept, rest = kept_surface(whole, parse_cuts(text, ""))
-    return kept, joined(rest) if rest else None
+    out = joined(rest) if rest else None
+    return kept, out and TriangleMesh(out.vertices, out.faces)  # pieces, not structures
 
 
+_NO_SURFACE = TriangleMesh(np.empty((0, 3)), np.empty((0, 3), np.int32))
 _ORDINALS = {2: "second", 3: "third"}
 
 

@@ -11,8 +11,8 @@ from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.io.images import Segmentation, Volume, read_segmentation, read_volume
 from homolog.io.structures import mask_of, structures_of
-from homolog.settings import Values
-from homolog.surfaces.mesh import TriangleMesh
+from homolog.settings import GroomSettings, Values
+from homolog.surfaces.mesh import TriangleMesh, joined
 from homolog.surfaces.topology import enclosed_volume
 
 __all__ = ["FileSurvey", "LabelSummary", "survey_subject"]
@@ -61,21 +61,18 @@ class FileSurvey:
     Attributes
     ----------
     subject : Subject
-    label : int or None
-    segment : str or None
-        Value and name of the previewed structure; both are None for all structures.
-    values : Values or None
-        What the voxels are declared to be; labels if None.
+    groom : GroomSettings
+        Which structures are previewed, and what the voxels are declared to be.
     problem : str
         Reason why the file can't be used; empty if it can.
     volume_ml : float
-        Volume; 0 of an open surface, which has none.
+        Volume of all structures; 0 of an open surface, which has none.
     thumbnail : (64, 64) uint8 array or None
         View from the front, 0 in the background.
     labels : tuple of LabelSummary
         Structures in the files; empty for surfaces.
     voxels : Segmentation or None
-        The voxels around the structure; None for surfaces.
+        The voxels around the structure; None for surfaces and several structures.
     surface : TriangleMesh or None
         The structure as stored, in the coordinates of the file.
     every : int
@@ -83,7 +80,7 @@ class FileSurvey:
     """
 
     subject: Subject
-    label: int | None
+    groom: GroomSettings
     problem: str = ""
     volume_ml: float = 0.0
     thumbnail: Array | None = None
@@ -91,49 +88,73 @@ class FileSurvey:
     voxels: Segmentation | None = None
     surface: TriangleMesh | None = None
     every: int = 1
-    segment: str | None = None
-    values: Values | None = None
 
     @property
     def awaits_choice(self) -> bool:
         """Whether the file is valid, but one of its overlapping structures must be chosen."""
-        return bool(self.problem and self.labels) and self.label is None and self.segment is None
+        return bool(self.problem and self.labels) and not any(self.groom.source[:3])
 
 
-def survey_subject(
-    subject: Subject, label: int | None, segment: str | None = None, values: Values | None = None
-) -> FileSurvey:
+def survey_subject(subject: Subject, groom: GroomSettings) -> FileSurvey:
     """Preview a subject's file. An unusable file gives a preview with a problem, not an error.
 
     A file whose structures can't be combined, because they overlap or are separate, has a problem and a list
     of its labels.
     """
-    survey = FileSurvey(subject, label, segment=segment, values=values)
+    survey, values = FileSurvey(subject, groom), groom.values or Values.LABELS
     try:
         if subject.structures:
-            survey = replace(survey, labels=_of_masks(subject, subject.structures, values or Values.LABELS))
-            return _with_mask(survey, mask_of(subject, label, segment))
+            survey = replace(survey, labels=_of_masks(subject, subject.structures, values))
+        elif not subject.is_mesh:
+            volume = read_volume(subject.path, values).with_names()
+            survey = replace(survey, labels=_labels(volume))
+        if groom.structures is not None:
+            return _with_several(survey)
+        if subject.structures:
+            return _with_mask(survey, mask_of(subject, groom.label, groom.segment))
         if subject.is_mesh:
             return _with_mesh(survey, subject.path)
-        volume = read_volume(subject.path, values or Values.LABELS).with_names()
-        survey = replace(survey, labels=_labels(volume))
-        return _with_voxels(survey, volume.segmentation(label, segment))
+        return _with_voxels(survey, volume.segmentation(groom.label, groom.segment))
     except InputError as error:
         message = str(error).removeprefix(f"{subject.path}: ")
         return replace(survey, problem=message[:1].upper() + message[1:])
+
+
+def _with_several(survey: FileSurvey) -> FileSurvey:
+    """Return the survey with the surfaces of several structures together."""
+    from homolog.grooming.subject import read_source
+
+    parts = []
+    for groom in survey.groom.of_structures.values():
+        source = read_source(survey.subject, groom)
+        part = FileSurvey(survey.subject, groom)
+        parts.append(
+            _with_surface(part, source) if isinstance(source, TriangleMesh) else _with_voxels(part, source)
+        )
+    whole = joined([part.surface for part in parts if part.surface is not None])
+    return replace(
+        survey,
+        volume_ml=sum(part.volume_ml for part in parts),
+        thumbnail=_mesh_thumbnail(whole),
+        surface=whole,
+        every=max(part.every for part in parts),
+    )
 
 
 def _with_mask(survey: FileSurvey, path: Path) -> FileSurvey:
     """Return the survey with the file of the chosen structure."""
     if Subject(survey.subject.name, path).is_mesh:
         return _with_mesh(survey, path)
-    return _with_voxels(survey, read_segmentation(path, None, None, survey.values or Values.LABELS))
+    return _with_voxels(survey, read_segmentation(path, None, None, survey.groom.values or Values.LABELS))
 
 
 def _with_mesh(survey: FileSurvey, path: Path) -> FileSurvey:
     from homolog.io.meshes import read_mesh
 
-    mesh = read_mesh(path)
+    return _with_surface(survey, read_mesh(path))
+
+
+def _with_surface(survey: FileSurvey, mesh: TriangleMesh) -> FileSurvey:
     volume = abs(float(np.nan_to_num(enclosed_volume(mesh)))) / 1000.0
     return replace(survey, volume_ml=volume, thumbnail=_mesh_thumbnail(mesh), surface=mesh)
 

@@ -17,10 +17,11 @@ from homolog.io.project import ProjectFolder, subject_of
 from homolog.io.project_table import update_table
 from homolog.io.records import ProjectRecord, SubjectRecord
 from homolog.settings import RunSettings
-from homolog_app.rendering.camera import CameraState, Canvas
+from homolog_app.rendering.camera import CameraState, Canvas, Layer
 from homolog_app.studies.study import Member, Study
 
 __all__ = [
+    "KEPT",
     "InterruptedSession",
     "Journal",
     "JournalRecord",
@@ -42,6 +43,10 @@ __all__ = [
 _FILE = "window.json"
 
 
+KEPT = ("opacity", "letters", "scale_bar", "layers")
+"""Fields of the views' display that a project keeps."""
+
+
 class ViewRecord(BaseModel):
     """The state of the window's views.
 
@@ -58,6 +63,8 @@ class ViewRecord(BaseModel):
         Opacity of the surfaces.
     letters, scale_bar : bool
         Whether the anatomical directions and a scale bar are shown.
+    layers : tuple of Layer
+        Structures that are not shown as usual.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -70,10 +77,11 @@ class ViewRecord(BaseModel):
     opacity: float = 1.0
     letters: bool = True
     scale_bar: bool = True
+    layers: tuple[Layer, ...] = ()
 
     def of_canvas(self, canvas: Canvas) -> "ViewRecord":
         """Return a copy with the display state of a canvas."""
-        same = {name: getattr(canvas, name) for name in ("layout", "opacity", "letters", "scale_bar")}
+        same = {name: getattr(canvas, name) for name in ("layout", *KEPT)}
         return self.model_copy(update={**same, "camera": canvas.cameras[0]})
 
 

@@ -6,6 +6,7 @@ They import slow modules of the core themselves.
 import logging
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -97,7 +98,7 @@ def read_files(
 
     for number, subject in enumerate(subjects):
         tick(number / len(subjects), f"reading {subject.name}")
-        arrived(survey_subject(subject, groom.label, groom.segment, groom.values))
+        arrived(survey_subject(subject, groom))
 
 
 def import_model(source: Path, folder: Path, domain: str, tick: Tick) -> list[str]:
@@ -112,21 +113,58 @@ def groom(
 ) -> "tuple[list[GroomedSubject], FloatArray]":
     """Groom and align a cohort; unchanged subjects come from the project's cache."""
     from homolog.cluster import retried_on_workers
-    from homolog.grooming import groom_cohort
-    from homolog.registration import align_cohort
     from homolog.threads import cores
 
-    inner = part_of(tick, 0.0, 0.9)
     groomed = retried_on_workers(
-        lambda executor: groom_cohort(
-            cohort, settings.groom, executor=executor, cache=project.groomed, tick=inner
-        ),
+        lambda executor: _groomed(cohort, settings, project, executor, part_of(tick, 0.0, 0.9)),
         "grooming",
         settings.workers or cores(),
         settings.cluster,
     )
     tick(0.9, "aligning")
-    return align_cohort(cohort, groomed, settings.groom, part_of(tick, 0.9, 1.0), cache=project.registrations)
+    return _aligned(cohort, groomed, settings, project, part_of(tick, 0.9, 1.0))
+
+
+def _folders(settings: RunSettings, project: ProjectFolder) -> dict[str, tuple[GroomSettings, ProjectFolder]]:
+    """Return how each structure is groomed, and its project; "" for a single one, here and below."""
+    several = settings.groom.of_structures
+    return {name: (own, project.structure(name)) for name, own in several.items()} or {
+        "": (settings.groom, project)
+    }
+
+
+def _groomed(
+    cohort: Cohort, settings: RunSettings, project: ProjectFolder, executor: Executor, tick: Tick
+) -> "dict[str, Sequence[GroomedSubject]]":
+    from homolog.grooming import groom_cohort
+
+    folders = _folders(settings, project)
+    parts: dict[str, Sequence[GroomedSubject]] = {}
+    for number, (name, (own, folder)) in enumerate(folders.items()):
+        folder.groomed.mkdir(parents=True, exist_ok=True)
+        now = part_of(tick, number / len(folders), (number + 1) / len(folders))
+        parts[name] = groom_cohort(cohort, own, executor=executor, cache=folder.groomed, tick=now)
+    return parts
+
+
+def _aligned(
+    cohort: Cohort,
+    parts: "Mapping[str, Sequence[GroomedSubject]]",
+    settings: RunSettings,
+    project: ProjectFolder,
+    tick: Tick,
+) -> "tuple[list[GroomedSubject], FloatArray]":
+    """Return whole subjects and their alignments, as a run has them."""
+    from homolog.registration import align_cohort
+    from homolog.run.structures import joined_subject
+
+    by = settings.optimize.align_by
+    if "" in parts:
+        return align_cohort(cohort, parts[""], settings.groom, tick, cache=project.registrations)
+    wholes = [joined_subject(dict(zip(parts, own, strict=True))) for own in zip(*parts.values(), strict=True)]
+    shapes, folder = (wholes, project) if by is None else (parts[by], project.structure(by))
+    shapes, places = align_cohort(cohort, shapes, settings.groom, tick, cache=folder.registrations)
+    return wholes if by else list(shapes), places
 
 
 def groom_again(
@@ -139,15 +177,15 @@ def groom_again(
 ) -> "dict[str, tuple[GroomedSubject, FloatArray]]":
     """Groom one subject of a cohort again; return all as they now lie to each other, the others unchanged."""
     from homolog.cluster import subject_executor
-    from homolog.grooming import compared, groom_cohort
+    from homolog.grooming import compared
     from homolog.registration import align_cohort
+    from homolog.run.structures import joined_subject
 
     alone = Cohort(tuple(item for item in cohort.subjects if item.name == name), cohort.folder)
     with subject_executor(1, settings.cluster) as executor:
-        (again,) = groom_cohort(
-            alone, settings.groom, executor=executor, cache=project.groomed, tick=part_of(tick, 0.0, 0.5)
-        )
-    shapes = {**others, name: again}
+        parts = _groomed(alone, settings, project, executor, part_of(tick, 0.0, 0.5))
+    own = {part: items[0] for part, items in parts.items()}
+    shapes = {**others, name: own[""] if "" in own else joined_subject(own)}
     among = Cohort(tuple(item for item in cohort.subjects if item.name in shapes), cohort.folder)
     aligned, places = align_cohort(
         among,
@@ -193,25 +231,24 @@ def groomed_before(
     from homolog.grooming.cache import content_key, load_groomed
     from homolog.grooming.subject import read_source, settings_of
     from homolog.io.constraints import cuts_of
-    from homolog.registration import align_cohort
 
-    groomed = []
-    for number, subject in enumerate(cohort.subjects):
-        tick(number / len(cohort.subjects), f"looking for the groomed shape of {subject.name}")
-        if not (project.groomed / f"{file_stems([subject.name])[0]}.npz").is_file():
-            return None
-        try:
-            own = settings_of(subject, settings.groom)
-            key = content_key(read_source(subject, own), own, cuts_of(subject, own.segment))
-        except InputError:
-            return None  # reported when files are read
-        kept = load_groomed(project.groomed, subject.name, key)
-        if kept is None:
-            return None
-        groomed.append(kept)
-    return (
-        align_cohort(cohort, groomed, settings.groom, tick, cache=project.registrations) if groomed else None
-    )
+    parts: dict[str, list[GroomedSubject]] = {}
+    for name, (groom, folder) in _folders(settings, project).items():
+        parts[name] = []
+        for number, subject in enumerate(cohort.subjects):
+            tick(number / len(cohort.subjects), f"looking for the groomed shape of {subject.name}")
+            if not (folder.groomed / f"{file_stems([subject.name])[0]}.npz").is_file():
+                return None
+            try:
+                own = settings_of(subject, groom)
+                key = content_key(read_source(subject, own), own, cuts_of(subject, own.segment))
+            except InputError:
+                return None  # reported when files are read
+            kept = load_groomed(folder.groomed, subject.name, key)
+            if kept is None:
+                return None
+            parts[name].append(kept)
+    return _aligned(cohort, parts, settings, project, tick) if cohort.subjects else None
 
 
 class RunJob:

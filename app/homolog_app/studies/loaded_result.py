@@ -3,7 +3,7 @@
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ from homolog.io.records import ProjectRecord, ResultRecord, ResultSubject
 from homolog.io.results import Result, read_energies, read_result, read_surface
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Method
-from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.mesh import TriangleMesh, joined
 
 if TYPE_CHECKING:  # Warp comes with it, and the window opens without
     from homolog.inspection.verdict import Verdict
@@ -58,10 +58,17 @@ class SubjectSurfaces(Mapping[str, _Surfaces]):
     project : ProjectFolder
     subjects : sequence of ResultSubject
         Subjects of its result.
+    parts : sequence of mappings
+        The surfaces of each of several structures, of which those of the subjects consist.
     """
 
-    def __init__(self, project: ProjectFolder, subjects: Sequence[ResultSubject]) -> None:
-        self._project = project
+    def __init__(
+        self,
+        project: ProjectFolder,
+        subjects: Sequence[ResultSubject],
+        parts: Sequence[Mapping[str, _Surfaces]] = (),
+    ) -> None:
+        self._project, self._parts = project, parts
         self._subjects = {subject.name: subject for subject in subjects}
         self._kept: OrderedDict[str, _Surfaces] = OrderedDict()
         self._lock = threading.Lock()
@@ -99,6 +106,9 @@ class SubjectSurfaces(Mapping[str, _Surfaces]):
         return name in self._subjects
 
     def _read(self, name: str) -> _Surfaces:
+        if self._parts:
+            fine, coarse = zip(*(part[name] for part in self._parts), strict=True)
+            return joined(fine), joined(coarse)
         from homolog.grooming.subject import COARSE_VERTICES
         from homolog.surfaces.simplify import simplified
 
@@ -125,6 +135,10 @@ class LoadedResult:
         The record of the result.
     verdict : Verdict
         What the model is good for.
+    parts : mapping of str to LoadedResult
+        The result of each of several structures alone; empty for a single one.
+    is_rigid : bool
+        Whether particles vary to first order as structures do that only turn and move.
     """
 
     result: Result
@@ -134,6 +148,8 @@ class LoadedResult:
     summary: str
     record: ResultRecord
     verdict: "Verdict"
+    parts: "Mapping[str, LoadedResult]" = field(default_factory=dict)
+    is_rigid: bool = False
 
     @property
     def method(self) -> Method:
@@ -199,7 +215,8 @@ def load_result(project: ProjectFolder, tick: Tick = no_tick) -> LoadedResult:
     record = project.read().result
     if record is None:
         raise InputError(f"{project.folder}: has no result")
-    surfaces = SubjectSurfaces(project, record.subjects)
+    parts = {item.name: load_result(project.structure(item.name)) for item in record.structures}
+    surfaces = SubjectSurfaces(project, record.subjects, [part.surfaces for part in parts.values()])
     surfaces.read_first(part_of(tick, 0.3, 0.9))
     from homolog.inspection.verdict import read_verdict
 
@@ -211,7 +228,8 @@ def load_result(project: ProjectFolder, tick: Tick = no_tick) -> LoadedResult:
         f"{sum(record.seconds.values()):.0f}\u00a0s on {record.device}"
     )
     summary += f"; {record.mirrored_text}" if record.mirrored_text else ""
-    return LoadedResult(result, surfaces, read_energies(project), _frames(project), summary, record, verdict)
+    given = result, surfaces, read_energies(project), _frames(project), summary, record, verdict, parts
+    return LoadedResult(*given)
 
 
 def write_from_memory(

@@ -10,6 +10,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial.transform import Rotation
 
 from homolog.arrays import Array, BoolArray, Float32Array, FloatArray, IntArray, frozen
 from homolog.errors import Cancelled, InputError, NumericalError
@@ -33,6 +34,7 @@ __all__ = [
     "ModelShape",
     "PreliminaryFits",
     "PreliminaryModel",
+    "RigidModes",
     "facing",
     "fit_model_shape",
     "largest_region",
@@ -46,6 +48,55 @@ _ARROWS = 240
 _METHODS = {Method.GEODESIC_NORMALS: "geodesics and normals", Method.EUCLIDEAN: "Euclidean"}
 _LIMIT_AT = 2.0
 """Limit of the colour scale in standard deviations of the first mode."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigidModes:
+    """Modes along which each of S structures only turns and moves. Arrays are read-only.
+
+    Attributes
+    ----------
+    turns, shifts : (K, S, 3) arrays
+        Rotation vector [rad] and translation [mm] of each structure for one standard deviation of a mode.
+    centres : (S, 3) array
+        Centres of the rotations [mm].
+    """
+
+    turns: FloatArray
+    shifts: FloatArray
+    centres: FloatArray
+
+    @classmethod
+    def of(cls, model: ShapeModel, result: Result) -> "RigidModes":
+        """Return the rigid motions that equal a model's modes to first order."""
+        turns, shifts, centres = [], [], []
+        moves = model.components_ * model.standard_deviations_[:, None, None]
+        for part in result.parts:
+            points = model.mean_[part.particles]
+            centre, own = points.mean(axis=0), moves[:, part.particles]
+            away = points - centre
+            inertia = np.square(away).sum() * np.eye(3) - away.T @ away
+            turns.append(np.linalg.solve(inertia, np.cross(away, own).sum(axis=1).T).T)
+            shifts.append(own.mean(axis=1))
+            centres.append(centre)
+        return cls(np.stack(turns, axis=1), np.stack(shifts, axis=1), np.array(centres))
+
+    def to_first_order(self, points: Array, parts: Sequence[slice]) -> Float32Array:
+        """Return displacements (K, n, 3) for one standard deviation [mm], linear as those of shapes."""
+        moves = np.empty((len(self.turns), *points.shape), dtype=np.float32)
+        for place, part in enumerate(parts):
+            away = points[part] - self.centres[place]
+            moves[:, part] = np.cross(self.turns[:, place, None], away) + self.shifts[:, place, None]
+        return moves
+
+    def moved(self, points: Array, parts: Sequence[slice], deviations: FloatArray) -> FloatArray:
+        """Return points (n, 3), those of the structures one after another, at deviations (k,) [SD]."""
+        count = len(deviations)
+        turns, shifts = (np.tensordot(deviations, way[:count], 1) for way in (self.turns, self.shifts))
+        moved = np.array(points, dtype=np.float64)
+        for part, turn, shift, centre in zip(parts, turns, shifts, self.centres, strict=True):
+            moved[part] = Rotation.from_rotvec(turn).apply(moved[part] - centre) + centre + shift
+        return moved
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,6 +127,8 @@ class ModelShape:
         Vertices where arrows are drawn, evenly spread.
     limit : float
         End of the colour scale of displacements [mm].
+    rigid : RigidModes or None
+        The modes of relative pose, which move whole structures.
     """
 
     name: str
@@ -90,6 +143,7 @@ class ModelShape:
     corners: "sparse.csr_array"
     arrows_at: IntArray
     limit: float
+    rigid: RigidModes | None = None
 
     @property
     def modes(self) -> int:
@@ -108,20 +162,25 @@ class ModelShape:
 
     def moved(self, deviations: FloatArray) -> Float32Array:
         """Return displacements from the mean (V, 3) [mm] at multiples (k,) of the modes' deviations."""
+        if self.rigid is not None:
+            parts = [part.vertices for part in self.result.parts]
+            away = self.rigid.moved(self.mean.vertices, parts, deviations) - self.mean.vertices
+            return np.asarray(away, dtype=np.float32)
         # Without BLAS: waking its threads would take longer than this small product.
         amounts = np.asarray(deviations, dtype=np.float32)
         flat: Float32Array = np.einsum("k,kv->v", amounts, self.moves[: len(amounts)])
         return flat.reshape(-1, 3)
 
+    def particles(self, deviations: FloatArray) -> FloatArray:
+        """Return the particles (N, 3) [mm] at multiples (k,) of the modes' deviations."""
+        if self.rigid is None:
+            return self.model.instance(deviations)
+        return self.rigid.moved(self.model.mean_, [part.particles for part in self.result.parts], deviations)
+
     def distances_along(self, mode: int, amounts: FloatArray, pair: tuple[int, int]) -> FloatArray:
         """Return the distances (n,) [mm] of two particles at positions (n,) [SD] along a mode."""
-        first, second = (
-            self.model.mean_[particle]
-            + amounts[:, None]
-            * (self.model.standard_deviations_[mode] * self.model.components_[mode, particle])
-            for particle in pair
-        )
-        return np.asarray(np.linalg.norm(second - first, axis=1))
+        steps = [self.particles(amount * np.eye(mode + 1)[mode])[list(pair)] for amount in amounts]
+        return np.asarray([np.linalg.norm(second - first) for first, second in steps])
 
     def outward(self, displacement: Array) -> Float32Array:
         """Return the part of displacements (V, 3) along the mean's outward normals [mm], shape (V,)."""
@@ -156,7 +215,9 @@ def read_model_shape(folder_name: str, project: ProjectFolder, tick: Tick) -> Mo
     return fit_model_shape(folder_name, method, result, part_of(tick, 0.2, 1.0))
 
 
-def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_tick) -> ModelShape:
+def fit_model_shape(
+    name: str, method: Method, result: Result, tick: Tick = no_tick, *, rigid: bool = False
+) -> ModelShape:
     """Fit the shape model of a result, and map its modes to the mean surface.
 
     Parameters
@@ -166,6 +227,8 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
     result : Result
     tick : Tick
         Progress and cancellation.
+    rigid : bool
+        Whether the modes are those of relative pose.
     """
     import homolog_app.plots  # noqa: F401 - slow: imported by the thread that fits, not by the first plot
 
@@ -173,7 +236,11 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
     parallel = parallel_analysis(result.world, tick=part_of(tick, 0.0, 0.6))
     tick(0.6, "mapping the modes to the mean surface")
     mesh = result.mean_surface
-    moves = _carried(result, model.components_ * model.standard_deviations_[:, None, None])
+    motions = RigidModes.of(model, result) if rigid else None
+    if motions is None:
+        moves = _carried(result, model.components_ * model.standard_deviations_[:, None, None])
+    else:
+        moves = motions.to_first_order(mesh.vertices, [part.vertices for part in result.parts])
     tick(0.9, "normals of the mean surface")
     corners = _corners(mesh.faces, len(mesh.vertices))
     faces = np.ascontiguousarray(mesh.faces.T, dtype=np.intp)
@@ -192,6 +259,7 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
         corners=corners,
         arrows_at=farthest_points(mesh.vertices, _ARROWS),
         limit=common_limit([max(leading, key=lambda displacement: float(np.abs(displacement).max()))]),
+        rigid=motions,
     )
 
 
@@ -220,7 +288,8 @@ def facing(of: ModelShape, beside: ModelShape) -> ModelShape:
         before.scores_ * signs,
         before.explained_variance_ratio_,
     )
-    return replace(of, model=model, moves=frozen(of.moves * signs[:, None], np.float32))
+    moves = frozen(of.moves * signs[:, None], np.float32)
+    return replace(of, model=model, moves=moves, rigid=of.rigid and RigidModes.of(model, of.result))
 
 
 def placement(of: ModelShape, beside: ModelShape) -> FloatArray:

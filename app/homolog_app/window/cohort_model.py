@@ -205,7 +205,7 @@ class CohortModel(QAbstractTableModel):
         survey = self._session.surveys.get(member.name)
         if column != NAME or survey is None or survey.thumbnail is None:
             return None
-        key = (f"{member.name}/{survey.label}/{survey.segment}", colours.bone)
+        key = (f"{member.name}/{survey.groom.source}", colours.bone)
         if key not in self._pictures:
             self._pictures[key] = thumbnail(survey.thumbnail, colours.bone)
         return self._pictures[key]

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from pydantic import ValidationError
 from PySide6.QtCore import QItemSelectionModel, QModelIndex, QPoint, QSize, QSortFilterProxyModel, Qt
 from PySide6.QtGui import QIcon, QResizeEvent
 from PySide6.QtWidgets import (
@@ -18,6 +19,8 @@ from PySide6.QtWidgets import (
 )
 
 from homolog.arrays import Array
+from homolog.parameters import fault_text
+from homolog.settings import GroomSettings
 from homolog_app.rendering.text import millilitres
 from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_model import GROUP, NAME, STATUS, VOLUME, CohortModel, thumbnail
@@ -27,12 +30,14 @@ from homolog_app.window.widgets import (
     GRID,
     Panel,
     button,
+    choice,
     column,
     dress_table,
     fill,
     having,
     label,
     link,
+    named_rows,
     row,
     say,
 )
@@ -231,13 +236,15 @@ class CohortPanel(Panel):
 
 _PICTURE = 40
 _VISIBLE = 14
-_QUESTION = "The files contain several structures. Choose one, or type part of its name."
+_QUESTION = "The files contain several structures. Choose one, or type part of its name; or several together."
+_SEVERAL, _ALL = -1, "All structures"
 
 
 class LabelPicker(QFrame):
     """Choice among several structures: a list with name, thumbnail, volume and number of subjects.
 
-    Typed text is searched for anywhere in the names.
+    Typed text is searched for anywhere in the names. Several that are modelled together are listed in
+    `several`, as after ``--structures``; `align_by` names the one by which subjects are aligned.
     """
 
     def __init__(self, session: Session, theme: Theme) -> None:
@@ -245,6 +252,7 @@ class LabelPicker(QFrame):
         self.setObjectName("Banner")
         self._session, self._theme = session, theme
         self._shown: object = None
+        self._names: list[str] = []
         self.choice = having(QComboBox(), accessibleName="Label to study", editable=True)
         self.choice.setIconSize(QSize(_PICTURE, _PICTURE))
         self.choice.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
@@ -255,8 +263,19 @@ class LabelPicker(QFrame):
         completer.setFilterMode(Qt.MatchFlag.MatchContains)
         self.choice.setCompleter(completer)
         self.choice.activated.connect(self._choose)
+        about = "Names of files or labels, or numbers of labels; wall=2+3 joins labels."
+        self.several = having(QLineEdit(), accessibleName="Structures", toolTip=about)
+        self.several.editingFinished.connect(self._choose_several)
+        self.align_by = choice("Align by", None, "Structure by which whole subjects are aligned")
+        self.align_by.activated.connect(self._choose_several)
+        self.problem = label("", "Problem", wrap=True)
+        self.problem.hide()
+        self._together = QWidget()
+        together = named_rows((("Structures", self.several), ("Align by", self.align_by)))
+        column(together, self.problem, on=self._together)
         question = label(_QUESTION, wrap=True)
-        column(question, self.choice, on=self, edges=(2 * GRID, GRID, 2 * GRID, 2 * GRID))
+        edges = (2 * GRID, GRID, 2 * GRID, 2 * GRID)
+        column(question, self.choice, self._together, on=self, edges=edges)
         link(self._fill, session.surveys_changed, session.study_changed, theme.changed)
         self.hide()
 
@@ -271,7 +290,7 @@ class LabelPicker(QFrame):
             joined,
         )  # slow to import; loaded anyway once files are read
 
-        groom = self._session.study.settings.groom
+        groom, optimize = self._session.study.settings.groom, self._session.study.settings.optimize
         count = len(self._session.study.members)
         labels_of = {
             name: [
@@ -283,7 +302,7 @@ class LabelPicker(QFrame):
         structures = joined(labels_of)
         self.setVisible(len(structures) > 1)
         texts = [_text(structure, count) for structure in structures]
-        state = (self._theme.colours, groom.label, groom.segment, texts)
+        state = (self._theme.colours, groom.source, optimize.align_by, texts)
         if len(structures) < 2 or state == self._shown:
             return
         self._shown = state
@@ -306,23 +325,46 @@ class LabelPicker(QFrame):
                 groom.segment is None and groom.label is not None and groom.label in structure.values
             ):
                 chosen = index
-        self.choice.setCurrentIndex(chosen)
+        self.choice.addItem("Several, modelled together", _SEVERAL)
+        several = groom.structures is not None
+        self.choice.setCurrentIndex(self.choice.count() - 1 if several else chosen)
+        self._names = [structure.name or str(structure.values[0]) for structure in structures]
+        self._together.setVisible(several)
+        if several:
+            self.several.setText(groom.structures)
+            self.align_by.clear()
+            self.align_by.addItems([_ALL, *groom.of_structures])
+            self.align_by.setCurrentText(optimize.align_by or _ALL)
+            self.problem.hide()
 
     def _icon(self, picture: Array) -> QIcon:
         return QIcon(thumbnail(picture, self._theme.colours.bone, _PICTURE))
 
     def _choose(self) -> None:
-        settings = self._session.study.settings
         chosen = self.choice.currentData()
-        picked = (
-            {"segment": chosen, "label": None}
-            if isinstance(chosen, str)
-            else {"label": chosen, "segment": None}
-        )
-        groom = settings.groom.model_copy(update=picked)
-        self._session.edit(
-            "Label", replace(self._session.study, settings=settings.model_copy(update={"groom": groom}))
-        )
+        if chosen == _SEVERAL:
+            self._edit({"structures": ",".join(self._names)}, None)
+        else:
+            self._edit({"segment" if isinstance(chosen, str) else "label": chosen}, None)
+
+    def _choose_several(self) -> None:
+        by = self.align_by.currentText()
+        try:
+            self._edit({"structures": self.several.text()}, by)
+        except ValidationError as error:
+            text = fault_text(error.errors()[0])
+            self.problem.setText(text[:1].upper() + text[1:])
+            self.problem.show()
+
+    def _edit(self, picked: dict[str, object], align_by: str | None) -> None:
+        """Choose a label, a name or several structures; raises ValidationError."""
+        study = self._session.study
+        none = {"label": None, "segment": None, "structures": None}
+        groom = GroomSettings.model_validate(study.settings.groom.model_dump() | none | picked)
+        by = align_by if align_by in groom.of_structures else None
+        optimize = study.settings.optimize.model_copy(update={"align_by": by})
+        settings = study.settings.model_copy(update={"groom": groom, "optimize": optimize})
+        self._session.edit("Structures", replace(study, settings=settings))
 
 
 def _text(structure: "Structure", subjects: int) -> str:

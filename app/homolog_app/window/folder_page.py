@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
 
 from homolog.cohort import Cohort, Subject, counts_text, read_cohort, tables_beside, with_values
 from homolog.errors import InputError
+from homolog.settings import GroomSettings
 from homolog_app.exports.tables import cohort_rows, write_cohort
 from homolog_app.studies.file_survey import FileSurvey, survey_subject
 from homolog_app.studies.study import Reading
@@ -174,8 +175,9 @@ class FolderPage(QDialog):
             picture.setPixmap(QPixmap())
             name.setText("")
         self._surveys = [
-            self._reader.submit(survey_subject, subject, None, next(iter(subject.structures), None))
+            self._reader.submit(survey_subject, subject, GroomSettings(segment=first))
             for subject in subjects
+            for first in [next(iter(subject.structures), None)]
         ]
         self._look.start()
 

@@ -74,7 +74,7 @@ class RunParticles(QObject):
     def set_result(self) -> None:
         """Show the particles of the session's result, unless a run is shown."""
         if self._session.job.run is None:
-            result = self._session.result
+            result = self._session.part
             self.particles, self.tints = (result.particles if result else {}), None
             self._stage.footer.show_frames(len(result.frames) if result else 0)
 
@@ -143,7 +143,7 @@ class RunParticles(QObject):
 
     @Slot(int)
     def _show_moment(self, index: int) -> None:
-        result = self._session.result
+        result = self._session.part
         if result is None or index >= len(result.frames):
             return
         self.particles, self.tints = moment_of(result, index)

@@ -29,7 +29,7 @@ _FILES = f"Scans ({' '.join(f'*{suffix}' for suffix in IMAGE_SUFFIXES)})"
 def sliced_subject(session: Session, name: str) -> SliceScene:
     """Return the slices of a subject: scan, segmentation, and groomed surface or that of the result."""
     subject = next(member.subject for member in session.study.members if member.name == name)
-    survey, groomed, result = session.surveys.get(name), session.groomed.get(name), session.result
+    survey, groomed, result = session.surveys.get(name), session.groomed.get(name), session.part
     outlines: list[Outline] = []
     if groomed is not None:
         outlines = [Outline("Groomed surface", groomed.subject.mesh)]

@@ -15,6 +15,7 @@ from homolog_app.scenes.subjects import Groomed
 from homolog_app.studies.jobs import Devices, RunJob
 from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.studies.model_shape import PreliminaryModel
+from homolog_app.studies.structures import ALL, POSES, SHAPES, aspect_of, part_of_aspect
 from homolog_app.studies.study import Extension, Member, Study, extension_of, own_text, with_cuts
 from homolog_app.window.runner import Status
 
@@ -115,6 +116,9 @@ class Session(QObject):
         self.surveys: dict[str, FileSurvey] = {}
         self.groomed: dict[str, Groomed] = {}
         self.result: LoadedResult | None = None
+        self.aspect = ALL
+        """What of a model of several structures *Explore* shows."""
+        self._aspects: tuple[LoadedResult | None, dict[str, LoadedResult]] = None, {}
         self.written: LoadedResult | None = None
         """The result in the project's folder."""
         self.used_anyway: LoadedResult | None = None
@@ -130,6 +134,29 @@ class Session(QObject):
         self.devices: Devices | None = None
         """Devices of this machine; None until they are known."""
         self.undo.cleanChanged.connect(self.project_changed)
+
+    @property
+    def shown(self) -> LoadedResult | None:
+        """The result, or the aspect of it whose model *Explore* shows; the same object each time."""
+        if self.result is None or self.aspect == ALL:
+            return self.result
+        if self._aspects[0] is not self.result:
+            self._aspects = self.result, {}
+        known = self._aspects[1]
+        if self.aspect not in known:
+            known[self.aspect] = aspect_of(self.result, self.aspect)
+        return known[self.aspect]
+
+    @property
+    def part(self) -> LoadedResult | None:
+        """The result whose subjects are shown: that of all structures, or of one."""
+        return None if self.result is None else part_of_aspect(self.result, self.aspect)
+
+    def show_aspect(self, aspect: str) -> None:
+        """Choose what of a model of several structures *Explore* shows."""
+        if aspect != self.aspect:
+            self.aspect = aspect
+            self.result_changed.emit()
 
     @property
     def is_open(self) -> bool:
@@ -195,6 +222,8 @@ class Session(QObject):
     def show_step(self, step: str) -> None:
         """Open one of the four steps."""
         self.step = step
+        if step != "explore":
+            self.show_aspect(ALL)
         self.step_changed.emit()
 
     def show_page(self, page: str | int, step: str = "") -> None:
@@ -202,6 +231,8 @@ class Session(QObject):
         title = self.pages[page] if isinstance(page, int) else page
         if title != self.page:
             self.page = title
+            if title != "Modes" and self.aspect in (SHAPES, POSES):
+                self.show_aspect(ALL)
             self.page_changed.emit()
         if step:
             self.show_step(step)
@@ -240,6 +271,7 @@ class Session(QObject):
         """Open another study; the previous one and its pending jobs are dropped."""
         self.generation += 1
         self.surveys, self.groomed, self.result, self.written, self.selection = {}, {}, None, None, ()
+        self.aspect = ALL
         self.study, self.folder, self.read_only = study, folder, read_only
         self._remember()
         self.is_opening = True
@@ -281,7 +313,7 @@ class Session(QObject):
 
     def show_result(self, loaded: LoadedResult | None) -> None:
         """Replace the result without an entry in the undo history."""
-        self.result = loaded
+        self.result, self.aspect = loaded, ALL
         self.result_changed.emit()
 
     def select(self, names: Iterable[str]) -> None:

@@ -1,15 +1,17 @@
 """The stage of the views with its bars: display options, cutting plane, colour range, menu."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal, Slot
-from PySide6.QtGui import QResizeEvent
+from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal, SignalInstance, Slot
+from PySide6.QtGui import QColor, QIcon, QPixmap, QResizeEvent
 from PySide6.QtWidgets import (
     QCheckBox,
+    QColorDialog,
     QDialog,
     QDialogButtonBox,
     QFrame,
+    QGridLayout,
     QLabel,
     QLineEdit,
     QMenu,
@@ -18,7 +20,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from homolog_app.rendering.camera import Clip, ClipPlane
+from homolog_app.rendering.camera import Clip, ClipPlane, Display, Layer
 from homolog_app.rendering.colours import ColourScale
 from homolog_app.rendering.grid import VIEWS
 from homolog_app.rendering.text import parse_number, short
@@ -44,7 +46,7 @@ from homolog_app.window.widgets import (
     slider,
 )
 
-__all__ = ["ClipBar", "RangeDialog", "Stage", "ViewBar", "ViewFooter", "view_menu"]
+__all__ = ["ClipBar", "LayerBar", "RangeDialog", "Stage", "ViewBar", "ViewFooter", "view_menu"]
 
 
 _IN_MENU = ("view.raw", "view.groomed", "view.particles", "view.clip")
@@ -109,6 +111,79 @@ class ViewBar(QFrame):
     def _spare(self) -> int:
         """Width of the slider and its name."""
         return self._name.sizeHint().width() + self.opacity.width() + 2 * _SPACING
+
+
+_IN_A_ROW = 4
+
+
+class LayerBar(QFrame):
+    """The structures of the subjects: colour, visibility and opacity of each; the legend of the views."""
+
+    changed = Signal(object)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setObjectName("ViewBar")
+        self._grid = QGridLayout(self)
+        self._grid.setContentsMargins(GRID, GRID // 2, GRID, GRID // 2)
+        self._grid.setHorizontalSpacing(2 * GRID)
+        self._grid.setVerticalSpacing(_SPACING)
+        self._grid.setColumnStretch(_IN_A_ROW, 1)
+        self.rows: dict[str, _LayerRow] = {}
+        self.hide()
+
+    def show_layers(self, names: Sequence[str], display: Display, *, coloured: bool) -> None:
+        """Show the structures, in the order of their colours; colours are hidden where they mean values."""
+        self.setVisible(bool(names))
+        if list(names) != list(self.rows):
+            for row in self.rows.values():
+                row.hide()  # the event loop deletes it later
+                row.deleteLater()
+            self.rows = {name: _LayerRow(name, self.changed) for name in names}
+            for place, row in enumerate(self.rows.values()):
+                self._grid.addWidget(row, *divmod(place, _IN_A_ROW))
+        for place, (name, row) in enumerate(self.rows.items()):
+            row.show_layer(display.layer(name), place, coloured=coloured)
+
+
+class _LayerRow(QWidget):
+    """One structure: colour, name with visibility, opacity."""
+
+    def __init__(self, name: str, changed: SignalInstance) -> None:
+        super().__init__()
+        self._layer, self._changed = Layer(name=name), changed
+        side = scaled(26)
+        self.colour = button("", "flat", self._choose_colour, toolTip=f"Colour of {name}")
+        self.colour.setAccessibleName(f"Colour of {name}")
+        self.colour.setFixedSize(side, side)
+        self.shown = having(QCheckBox(name), toolTip=f"Show {name}")
+        self.shown.clicked.connect(lambda shown: self._change(shown=shown))
+        self.opacity = slider(f"Opacity of {name}", 10, 100, toolTip=f"Opacity of {name}")
+        self.opacity.setFixedWidth(scaled(48))
+        self.opacity.valueChanged.connect(lambda value: self._change(opacity=value / 100.0))
+        self.setFixedHeight(side)
+        row(self.colour, self.shown, self.opacity, on=self, gap=GRID // 2)
+
+    def show_layer(self, layer: Layer, place: int, *, coloured: bool) -> None:
+        """Show the state of the structure at a place among all."""
+        self._layer = layer
+        picture = QPixmap(scaled(14), scaled(14))
+        picture.fill(QColor(*layer.colour_at(place)))
+        self.colour.setIcon(QIcon(picture))
+        self.colour.setVisible(not coloured)
+        self.shown.setChecked(layer.shown)
+        with QSignalBlocker(self.opacity):
+            self.opacity.setValue(round(100.0 * layer.opacity))
+        self.opacity.setEnabled(layer.shown)
+
+    def _change(self, **fields: object) -> None:
+        self._changed.emit(self._layer.model_copy(update=fields))
+
+    def _choose_colour(self) -> None:
+        before = self.colour.icon().pixmap(1, 1).toImage().pixelColor(0, 0)
+        chosen = QColorDialog.getColor(before, self, f"Colour of {self._layer.name}")
+        if chosen.isValid():
+            self._change(colour=chosen.name())
 
 
 class ViewFooter(QFrame):
@@ -344,6 +419,7 @@ class Stage(QWidget):
     def __init__(self, theme: Theme, actions: Actions) -> None:
         super().__init__()
         self.bar = ViewBar(actions)
+        self.layers = LayerBar()
         self.footer = ViewFooter(actions)
         self.slices = SliceView(theme)
         self.scene = Scene(self)
@@ -361,7 +437,8 @@ class Stage(QWidget):
             self._split.addWidget(widget)
         for page in (self._empty(), self._split):
             self._pages.addWidget(page)
-        self._column = column(self.bar, self.clip, (self._pages, 1), self.footer, on=self, gap=0)
+        parts = (self.bar, self.layers, self.clip, (self._pages, 1), self.footer)
+        self._column = column(*parts, on=self, gap=0)
         theme.changed.connect(self._paint)
         self._paint()
 

@@ -10,12 +10,14 @@ from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QApplication, QMainWindow
 
 from homolog.arrays import FloatArray
+from homolog_app.rendering.camera import Layer
 from homolog_app.rendering.content import SubjectContents, ViewContents
 from homolog_app.rendering.grid import VIEWS
 from homolog_app.scenes.states import ColouredView, Snapshot, SubjectsView
 from homolog_app.scenes.subjects import Groomed, subject_contents
-from homolog_app.studies.files import ViewRecord
+from homolog_app.studies.files import KEPT, ViewRecord
 from homolog_app.studies.loaded_result import LoadedResult
+from homolog_app.studies.structures import POSES, SHAPES
 from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_panel import CohortPanel
 from homolog_app.window.commands import LAYOUTS
@@ -62,6 +64,7 @@ class Views(QObject):
         for name in ("link", "grid4"):
             commands[f"view.{name}"].setChecked(True)
         stage.bar.opacity_changed.connect(lambda value: stage.scene.change(opacity=value))
+        stage.layers.changed.connect(self._change_layer)
         stage.scene.display_changed.connect(self._show_display)
         self._show_display()
         stage.clip.changed.connect(self._cut)
@@ -69,6 +72,7 @@ class Views(QObject):
         self.run.moved.connect(self._show_run)
         self.run.began.connect(self._uncover_run)
         stage.scene.page_changed.connect(self._update_page)
+        stage.scene.page_changed.connect(self._show_layers)
         session = self._session
         for signal in (
             session.study_changed,
@@ -165,6 +169,7 @@ class Views(QObject):
             canvas=self.stage.scene.canvas,
             title=self._session.title,
             beside=self._explore.fitted.beside if self.shows_model else None,
+            aspect=self._session.aspect if self._session.aspect in (SHAPES, POSES) else "",
         )
 
     def copy_picture(self) -> None:
@@ -233,7 +238,8 @@ class Views(QObject):
 
     def restore_view(self, view: ViewRecord) -> None:
         """Restore camera direction, opacity, letters and scale bar of a record."""
-        self.stage.scene.change(letters=view.letters, scale_bar=view.scale_bar, opacity=view.opacity)
+        same = {name: getattr(view, name) for name in KEPT}
+        self.stage.scene.change(**same)
         if view.camera is not None:
             self.stage.scene.set_camera(view.camera)
 
@@ -253,26 +259,30 @@ class Views(QObject):
         if session.generation != self._generation:
             self._generation = session.generation
             stage.scene.begin_anew()
-        key: list[object] = [*session.study.included, session.result]
+        key: list[object] = [*session.study.included, session.part]
         for subject in session.study.included:
             groomed, survey = session.groomed.get(subject.name), session.surveys.get(subject.name)
             key += [groomed, survey.surface if survey else None]
         if len(key) != len(self._shown) or any(a is not b for a, b in zip(key, self._shown, strict=True)):
-            new_result, former = session.result is not self._result, self._result
-            self._result = session.result
+            new_result, former = session.part is not self._result, self._result
+            self._result = session.part
             had_smooth = any(isinstance(content, Groomed | LoadedResult) for content in self._shown)
-            smooth = bool(session.groomed or session.result)
+            smooth = bool(session.groomed or session.part)
             if smooth is not had_smooth:  # show one surface, and not the input behind it
                 stage.scene.change(raw=not smooth)
             self._shown = key
             self.subjects = subject_contents(
-                session.study.included, session.surveys, session.groomed, session.result
+                session.study.included,
+                session.surveys,
+                session.groomed,
+                session.part,
+                session.study.settings,
             )
             if new_result:
                 self.run.set_result()
             self._display()
-            same_run = former and session.result and former.record is session.result.record
-            if new_result and session.result is not None and not same_run:
+            same_run = former and session.part and former.record is session.part.record
+            if new_result and session.part is not None and not same_run:
                 stage.scene.fit()  # a close-up stays when particles are optimized again, or that is undone
         if not session.study.members:
             stage.show_hint(
@@ -316,6 +326,7 @@ class Views(QObject):
             self._swap_balls()
         self.stage.footer.show_parts(run=not own, pages=not shown.columns)
         self.stage.scene.display(shown)
+        self._show_layers()
         self._explore.fitted.draw_ms = self.stage.scene.plot.draw_ms
         if self.shows_slices:
             self._show_slices()
@@ -410,6 +421,18 @@ class Views(QObject):
         self.stage.bar.opacity.setValue(round(100.0 * display.opacity))
         self._commands["view.clip"].setChecked(display.clip is not None)
         self.stage.clip.setVisible(display.clip is not None and not self.hides_views)
+        self._show_layers()
+
+    def _show_layers(self) -> None:
+        """Let the bar of the structures follow what is shown."""
+        grid = self.stage.scene.grid
+        names = () if self.hides_views else grid.structures
+        self.stage.layers.show_layers(names, grid.display, coloured=grid.is_coloured)
+
+    @Slot(object)
+    def _change_layer(self, layer: Layer) -> None:
+        scene = self.stage.scene
+        scene.change(layers=scene.grid.display.with_layer(layer))
 
     def _begin_cut(self) -> None:
         """Cut the shapes open on the side of the viewer, or leave them whole."""

@@ -124,7 +124,7 @@ class Work(QObject):
             for member in self.session.study.members
             if (seen := self.session.surveys.get(member.name)) is None
             or seen.subject.path != member.subject.path
-            or (seen.label, seen.segment, seen.values) != (groom.label, groom.segment, groom.values)
+            or seen.groom.source != groom.source
         ]
 
     def restore_groomed(self, project: ProjectFolder) -> None:

@@ -21,6 +21,7 @@ from homolog.errors import HomologError, InputError
 from homolog.io.project import ProjectFolder
 from homolog.settings import RunSettings
 from homolog_app.studies.files import Journal, JournalRecord, ViewRecord, record_of, save_view
+from homolog_app.studies.structures import project_of_aspect
 from homolog_app.window.dialogs import LogMemory
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme
@@ -217,6 +218,11 @@ class Workspace(QObject):
     def project(self) -> ProjectFolder:
         """The folder of grooming and runs: the open project, or a draft until it is saved."""
         return ProjectFolder(self.session.folder) if self.session.folder else self.journal.draft
+
+    @property
+    def shown_project(self) -> ProjectFolder:
+        """The project of what *Explore* shows: the open one, or that of one of its structures."""
+        return project_of_aspect(self.project, self.session.aspect)
 
     @property
     def is_changed(self) -> bool:

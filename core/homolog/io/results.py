@@ -15,7 +15,7 @@ from homolog.io.particle_array import particle_file, read_all_particles, write_p
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord, ResultRecord, ResultSubject
 from homolog.progress import Tick, no_tick
-from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.mesh import TriangleMesh, joined
 from homolog.surfaces.mirroring import mirrors
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "read_result",
     "read_surface",
     "read_surfaces",
+    "read_whole_surface",
     "surface_file",
     "write_smoothing",
 ]
@@ -94,6 +95,11 @@ class Result:
         return tuple((part.particles, part.vertices) for part in self.parts)
 
     @property
+    def structures(self) -> dict[str, int]:
+        """Number of particles of each of several structures; empty for a single one."""
+        return {part.name: part.particles.stop - part.particles.start for part in self.parts}
+
+    @property
     def mirrored(self) -> int:
         """Number of mirrored subjects."""
         return int(mirrors(self.alignments).sum())
@@ -134,6 +140,7 @@ def read_result(project: ProjectFolder, tick: Tick = no_tick) -> Result:
     present = {subject.name: subject for subject in whole.subjects}
     listed = [present.get(subject.name, subject) for subject in subjects]
     names, stems = [subject.name for subject in subjects], [subject.file for subject in subjects]
+    parts, mean = _parts(record), read_mesh(mean_file(project))
     local, world, parsed = read_all_particles(project, stems, names, record.particles, tick)
     if parsed > _MANY_FILES and project.is_held:
         with suppress(InputError):  # a full or read-only disk
@@ -145,10 +152,10 @@ def read_result(project: ProjectFolder, tick: Tick = no_tick) -> Result:
         world=world,
         local=local,
         alignments=frozen(np.array([subject.alignment for subject in subjects])),
-        mean_surface=read_mesh(mean_file(project)),
+        mean_surface=TriangleMesh(mean.vertices, mean.faces, tuple(part.vertices.stop for part in parts)),
         smoothing=_read_smoothing(project, record),
         voxels=tuple(tuple(sorted(subject.voxel)) for subject in subjects),
-        parts=_parts(record),
+        parts=parts,
     )
 
 
@@ -173,6 +180,18 @@ def read_surface(project: ProjectFolder, subject: ResultSubject) -> TriangleMesh
     if subject.is_mirrored and mesh.volume < 0.0:  # imported by an older version
         return TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
     return mesh
+
+
+def read_whole_surface(project: ProjectFolder, record: ResultRecord, subject: ResultSubject) -> TriangleMesh:
+    """Read the groomed surface of a subject, that of several structures as separate pieces.
+
+    Raises
+    ------
+    InputError
+        If one is missing or damaged.
+    """
+    parts = [read_surface(project.structure(item.name), subject) for item in record.structures]
+    return joined(parts) if parts else read_surface(project, subject)
 
 
 def read_energies(project: ProjectFolder) -> FloatArray:

@@ -5,12 +5,11 @@ import numpy as np
 from homolog.arrays import frozen
 from homolog.correspondence import Frame
 from homolog.geometry import inverse_matrices, transform_points
-from homolog.io.results import Result
+from homolog.io.results import Part, Result
 from homolog.progress import Tick, no_tick
 from homolog.run.result import OptimizationInput
-from homolog.run.shape_files import surface_of_shapes
+from homolog.run.shape_files import mesh_of, surface_of_shapes
 from homolog.statistics.shape_model import ShapeModel
-from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["preliminary_result"]
 
@@ -47,6 +46,7 @@ def preliminary_result(inputs: OptimizationInput, frame: Frame, tick: Tick = no_
         world=frozen(world),
         local=frozen(transform_points(inverse_matrices(frame.alignments), world)),
         alignments=frozen(frame.alignments),
-        mean_surface=TriangleMesh(surface.vertices, surface.faces),
+        mean_surface=mesh_of(surface),
         smoothing=frozen(surface.smoothing),
+        parts=tuple(Part(name, *own) for name, own in zip(inputs.parts, surface.parts, strict=True)),
     )

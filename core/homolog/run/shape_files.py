@@ -21,7 +21,7 @@ from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import cores, in_threads
 
-__all__ = ["surface_of_model", "surface_of_shapes", "write_model", "write_poses", "write_surfaces"]
+__all__ = ["mesh_of", "surface_of_model", "surface_of_shapes", "write_model", "write_poses", "write_surfaces"]
 
 _SHOWN_SHARE = 0.95
 _LEAST_SHOWN, _MOST_SHOWN = 3, 5
@@ -70,6 +70,11 @@ def _surface(
     nearest = medoid(world, mean)
     mesh = meshes[nearest].placed(alignments[nearest])
     return mean_surface(mean, world[nearest], mesh.vertices, mesh.faces, moves=moves, tick=tick)
+
+
+def mesh_of(surface: MeanSurface) -> TriangleMesh:
+    """Return a mean surface as a mesh, which knows its structures."""
+    return TriangleMesh(surface.vertices, surface.faces, tuple(part.stop for _, part in surface.parts))
 
 
 def surface_of_shapes(
@@ -201,7 +206,7 @@ def write_surfaces(new: ProjectFolder, model: ShapeModel, surface: MeanSurface, 
     tick : Tick
         Progress and cancellation.
     """
-    _write_surface(mean_file(new), TriangleMesh(surface.vertices, surface.faces))
+    _write_surface(mean_file(new), mesh_of(surface))
     if surface.smoothed:
         write_smoothing(new, surface.smoothing)
     moves = surface.moved

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ class TriangleMesh:
         Positions [mm], read-only.
     faces : (F, 3) int32 array
         Vertex indices, read-only.
+    ends : tuple of int
+        Where the vertices of each of several structures end, one after another; empty for a single one.
 
     Raises
     ------
@@ -44,6 +47,7 @@ class TriangleMesh:
 
     vertices: FloatArray
     faces: IntArray
+    ends: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -70,7 +74,7 @@ class TriangleMesh:
 
     def __reduce__(self) -> tuple[object, ...]:
         """Stay read-only through pickling."""
-        return TriangleMesh, (self.vertices, self.faces)
+        return TriangleMesh, (self.vertices, self.faces, self.ends)
 
     def to_pyvista(self) -> Any:  # noqa: ANN401 - the core does not depend on pyvista
         """Return the surface as a `pyvista.PolyData`, to draw it: ``mesh.to_pyvista().plot()``."""
@@ -78,13 +82,28 @@ class TriangleMesh:
 
     def stored(self, store: Store) -> "TriangleMesh":
         """Return the surface with its arrays in a store."""
-        return TriangleMesh(store(self.vertices), store(self.faces))
+        return TriangleMesh(store(self.vertices), store(self.faces), self.ends)
 
     def placed(self, matrix: FloatArray) -> "TriangleMesh":
         """Return the surface transformed by a (4, 4) matrix; its faces still point outward."""
         mirrored = np.linalg.det(matrix[:3, :3]) < 0.0
         faces = self.faces[:, ::-1] if mirrored else self.faces
-        return TriangleMesh(transform_points(matrix, self.vertices), faces)
+        return TriangleMesh(transform_points(matrix, self.vertices), faces, self.ends)
+
+    def moved(self, vertices: FloatArray) -> "TriangleMesh":
+        """Return the surface with other places of its vertices (V, 3) [mm]."""
+        return TriangleMesh(vertices, self.faces, self.ends)
+
+    @cached_property
+    def parts(self) -> "tuple[TriangleMesh, ...]":
+        """The surfaces of its structures; the surface itself if it is of a single one."""
+        if not self.ends:
+            return (self,)
+        owner = np.searchsorted(self.ends, self.faces[:, 0], side="right")
+        return tuple(
+            TriangleMesh(self.vertices[begin:end], self.faces[owner == number] - begin)
+            for number, (begin, end) in enumerate(pairwise((0, *self.ends)))
+        )
 
     @property
     def face_areas(self) -> FloatArray:
@@ -139,6 +158,7 @@ class TriangleMesh:
 
 def joined(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
     """Return several surfaces as one of separate pieces, in their order."""
-    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
-    faces = [mesh.faces + start for mesh, start in zip(meshes, starts.tolist(), strict=True)]
-    return TriangleMesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
+    ends = np.cumsum([len(mesh.vertices) for mesh in meshes]).tolist()
+    faces = [mesh.faces + start for mesh, start in zip(meshes, (0, *ends), strict=False)]
+    vertices = np.concatenate([mesh.vertices for mesh in meshes])
+    return TriangleMesh(vertices, np.concatenate(faces), tuple(ends) if len(meshes) > 1 else ())

@@ -165,6 +165,11 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     window.projects.open_paths([two_labels(tmp_path / "two.nrrd")])
     wait(lambda: session.surveys)
     look("labels", panels)
+    picker = panels.cohort.labels
+    picker.choice.setCurrentIndex(picker.choice.count() - 1)
+    picker.choice.activated.emit(picker.choice.currentIndex())
+    wait(lambda: all(survey.groom.structures for survey in session.surveys.values()))
+    look("several structures", window)
     window.projects.leave()
     for name in ("a/1", "a/2", "b/3", "b/4"):
         (tmp_path / "folders" / name).parent.mkdir(parents=True, exist_ok=True)

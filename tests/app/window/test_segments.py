@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from homolog.cohort import Subject
+from homolog.settings import GroomSettings
 from homolog_app.studies.file_survey import survey_subject
 
 
@@ -26,7 +27,7 @@ def folder(tmp_path):
 
 
 def test_segments_are_listed_by_name_though_they_overlap(folder):
-    survey = survey_subject(Subject("x", folder / "x.seg.nrrd"), None)
+    survey = survey_subject(Subject("x", folder / "x.seg.nrrd"), GroomSettings())
     assert [(label.name, label.value, round(label.volume_ml, 6)) for label in survey.labels] == [
         ("heart", 1, 0.729),
         ("lung", 2, 0.648),

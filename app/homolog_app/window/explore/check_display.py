@@ -332,7 +332,7 @@ class CheckDisplay(QWidget):
         inspection, mode, origin = self._inspection, self._mode, self._origin
         if inspection is None or self._workspace.session.job.is_busy or not self.isVisible():
             return
-        names, project = self._names, self._workspace.project
+        names, project = self._names, self._workspace.shown_project
         work: Callable[[Tick], object] | None = None
         if mode == "distances" and origin is not None and not self._is_measured:
             m, place = origin

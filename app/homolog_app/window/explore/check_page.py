@@ -12,6 +12,7 @@ from homolog.arrays import FloatArray
 from homolog_app.rendering.content import SubjectContents, ViewContents
 from homolog_app.scenes.check import checked_scene
 from homolog_app.scenes.states import CheckView
+from homolog_app.studies.structures import ALL
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.check_display import CheckDisplay, NormalSphere
 from homolog_app.window.explore.check_state import InspectionState
@@ -203,7 +204,7 @@ class CheckPage(ExplorePage):
 
     @property
     def _names(self) -> tuple[str, ...]:
-        result = self.workspace.session.result
+        result = self.workspace.session.part
         return result.result.names if result is not None else ()
 
     @property
@@ -239,9 +240,11 @@ class CheckPage(ExplorePage):
         """Update status and buttons."""
         inspection, job = self.checked.inspection, self.workspace.session.job
         suspects = inspection.suspects if inspection is not None else ()
+        alone = self.workspace.session.aspect == ALL  # all structures are optimized together
         show_all(bool(suspects), self.table, self.export, self.repair, self.mend_all_button)
-        enable_all(not job.is_busy, self.keep, self.mend_all_button)
-        self.repair.setEnabled(self._suspect is not None and not job.is_busy)
+        enable_all(not job.is_busy, self.keep)
+        self.mend_all_button.setEnabled(not job.is_busy and alone)
+        self.repair.setEnabled(self._suspect is not None and not job.is_busy and alone)
         self.progress.show_status(job.status if job.kind == "mend" else None)
         self.again.setVisible(inspection is None and self.checked.is_possible and job.kind not in _WORK)
         show_all(not self.checked.is_written, self.keep, self.unsaved)
@@ -250,7 +253,10 @@ class CheckPage(ExplorePage):
             doing = f"{job.status.message[:1].upper()}{job.status.message[1:]}"
             text = f"{doing}: {100 * job.status.fraction:.0f} %"
         elif not self.checked.is_possible:
+            part = self.workspace.session.part
             text = "Suspects are found by comparing three or more subjects."
+            if part is not None and part.parts:
+                text = "Structures are checked one by one: choose one above."
         elif inspection is None:
             text = "Not checked yet."
         elif not suspects:

@@ -10,6 +10,7 @@ from PySide6.QtCore import QObject, Signal, Slot
 
 from homolog.progress import Tick
 from homolog_app.studies.loaded_result import LoadedResult, Recorder, write_from_memory
+from homolog_app.studies.structures import ALL
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -62,9 +63,9 @@ class InspectionState(QObject):
 
     @property
     def is_possible(self) -> bool:
-        """Whether there are enough subjects for an inspection."""
-        result = self._workspace.session.result
-        return result is not None and len(result.result.names) >= FEWEST
+        """Whether there are enough subjects for an inspection, of one structure."""
+        result = self._workspace.session.part
+        return result is not None and len(result.result.names) >= FEWEST and not result.parts
 
     @property
     def is_written(self) -> bool:
@@ -82,15 +83,17 @@ class InspectionState(QObject):
         version, workspace = self._version, self._workspace
         if version is None or not suspects:
             return
+        if workspace.session.aspect != ALL:
+            workspace.session.noticed.emit("Structures are optimized together: run all again")
+            return
         project, inspection = workspace.project, version.inspection
         better: list[str] = []
 
         def work(tick: Tick) -> _Version:
             from homolog.progress import part_of
             from homolog.run.repair import repaired
-            from homolog.run.shape_files import surface_of_model
+            from homolog.run.shape_files import mesh_of, surface_of_model
             from homolog.statistics.shape_model import ShapeModel
-            from homolog.surfaces.mesh import TriangleMesh
 
             after = inspection
             for index, suspect in enumerate(suspects):
@@ -108,7 +111,7 @@ class InspectionState(QObject):
                 version.loaded.result,
                 local=places.local,
                 world=places.world,
-                mean_surface=TriangleMesh(surface.vertices, surface.faces),
+                mean_surface=mesh_of(surface),
                 smoothing=surface.smoothing,
             )
             notes = version.notes | dict.fromkeys(better, _REPAIRED)
@@ -181,12 +184,12 @@ class InspectionState(QObject):
 
     @property
     def _version(self) -> _Version | None:
-        result = self._workspace.session.result
+        result = self._workspace.session.part
         return next((version for version in self._versions if version.loaded is result), None)
 
     @Slot()
     def _look(self) -> None:
-        session, result = self._workspace.session, self._workspace.session.result
+        session, result = self._workspace.session, self._workspace.session.part
         busy = session.job.is_busy
         known = self._version is not None
         if result is not self._seen:

@@ -75,14 +75,14 @@ class SubjectTable(QAbstractTableModel):
 
     def __init__(self, heads: Sequence[str], parent: QObject) -> None:
         super().__init__(parent)
-        self._heads = heads
+        self._heads, self._more = heads, tuple[str, ...]()
         self._rows: list[tuple[str | float, ...]] = []
         self._digits: list[int] = []
 
-    def show_rows(self, rows: Sequence[tuple[str | float, ...]]) -> None:
-        """Set the rows."""
+    def show_rows(self, rows: Sequence[tuple[str | float, ...]], more: Sequence[str] = ()) -> None:
+        """Set the rows, and the headings of more columns than usual."""
         self.beginResetModel()
-        self._rows = list(rows)
+        self._rows, self._more = list(rows), tuple(more)
         columns = zip(*rows, strict=True) if rows else ()
         self._digits = [
             _digits([value for value in column if isinstance(value, float)]) for column in columns
@@ -95,7 +95,7 @@ class SubjectTable(QAbstractTableModel):
 
     def columnCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's
         """Return the number of columns."""
-        return 0 if parent.isValid() else len(self._heads)
+        return 0 if parent.isValid() else len(self._heads) + len(self._more)
 
     def headerData(
         self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole
@@ -106,7 +106,8 @@ class SubjectTable(QAbstractTableModel):
             is_number = any(isinstance(row[section], float) for row in self._rows)
             side = Qt.AlignmentFlag.AlignRight if is_number else Qt.AlignmentFlag.AlignLeft
             return side | Qt.AlignmentFlag.AlignVCenter
-        return self._heads[section] if across and role == Qt.ItemDataRole.DisplayRole else None
+        is_text = across and role == Qt.ItemDataRole.DisplayRole
+        return (*self._heads, *self._more)[section] if is_text else None
 
     def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> object:
         """Return the text, sort value or alignment of a cell."""

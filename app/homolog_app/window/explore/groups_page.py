@@ -169,7 +169,7 @@ class GroupsPage(ExplorePage):
         answers = self.all
         if answers is None or not self._current:
             return
-        project, cohort = self.workspace.project, self.workspace.session.study
+        project, cohort = self.workspace.shown_project, self.workspace.session.study
         self.workspace.work.compute(
             "study",
             lambda tick: save_answers(project, answers, cohort, tick),
@@ -182,7 +182,7 @@ class GroupsPage(ExplorePage):
         answers = self.all
         if answers is None or not self._current:
             return
-        project, cohort, seeds = self.workspace.project, self.workspace.session.study, self.form.seeds
+        project, cohort, seeds = self.workspace.shown_project, self.workspace.session.study, self.form.seeds
         self.workspace.work.compute(
             "seeds",
             lambda tick: repeat_by_seed(project, answers, cohort, seeds, tick),
@@ -327,7 +327,8 @@ class GroupsPage(ExplorePage):
             self.map.setEnabled(False)
         show_all(bool(answers), self.keep, self.seeds)
         if self.all is not None:
-            line = ["homolog", "analyze", str(self.workspace.project.folder), *self.all.question.arguments]
+            folder = str(self.workspace.shown_project.folder)
+            line = ["homolog", "analyze", folder, *self.all.question.arguments]
             self.keep.setToolTip(f"Write its tables into the project; equivalent command: {shlex.join(line)}")
         names = (answers[0].first, answers[0].second) if answers else ("", "")
         for end, name in zip((self.first, self.second), names, strict=True):

@@ -12,11 +12,14 @@ from PySide6.QtCore import QModelIndex, QSortFilterProxyModel, Qt, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QComboBox,
+    QFrame,
     QHeaderView,
     QLabel,
+    QScrollArea,
     QSizePolicy,
     QStackedWidget,
     QTableView,
+    QWidget,
 )
 
 from homolog.arrays import FloatArray
@@ -26,7 +29,6 @@ from homolog.progress import Tick, part_of
 from homolog.statistics.cautions import p_text
 from homolog.statistics.design import reference_first
 from homolog.statistics.welch import GroupMeasure, compare_measure
-from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.content import SubjectContents, ViewContents
 from homolog_app.rendering.text import short
 from homolog_app.scenes.shapes import (
@@ -321,6 +323,8 @@ class PairPlot(ScatterPlot):
 class MeasurePlots(QStackedWidget):
     """The measures side by side as curves along a mode or as boxes by group, or two against each other."""
 
+    chosen = Signal(float)
+
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.each = tuple(MeasurePlot(theme, *measure) for measure in MEASURES.items())
@@ -334,6 +338,27 @@ class MeasurePlots(QStackedWidget):
         for above, plots in (((), self.each), ((self.legend,), self.boxes)):
             self.addWidget(held(*above, (row(*plots, gap=0), 1), gap=0))
         self.addWidget(self.pairs)
+        self.structures: dict[str, MeasurePlot] = {}
+        self._theme, self._page = theme, QWidget()
+        self._row = row(on=self._page, gap=0)
+        area = QScrollArea(widgetResizable=True)
+        area.setFrameShape(QFrame.Shape.NoFrame)
+        area.setWidget(self._page)
+        self.addWidget(area)
+
+    def show_structures(self, curves: Mapping[str, FloatArray], x: FloatArray, axis: str) -> None:
+        """Show volumes of structures and distances between them at positions (n,) [SD], by title."""
+        if list(curves) != list(self.structures):
+            for plot in self.structures.values():
+                plot.hide()  # the event loop deletes it later
+                plot.deleteLater()
+            heads = {title: _heading(title).removesuffix(")").split("\n(") for title in curves}
+            self.structures = {title: MeasurePlot(self._theme, *head) for title, head in heads.items()}
+            for plot in self.structures.values():
+                plot.chosen.connect(self.chosen)
+                self._row.addWidget(plot)
+        for title, plot in self.structures.items():
+            plot.show_curve(x, curves[title], axis)
 
     def show_measures(
         self, columns: Sequence[FloatArray], groups: Sequence[str], names: Sequence[str]
@@ -372,6 +397,7 @@ _VOLUME = 3
 _PARTICLES = ("First particle", "Second particle")
 _MAPS = {"None": "none", "Wall thickness": "thickness", "Distance from a surface": "distance"}
 _PLOTS = {"Along the mode": 0, "By group": 1, "Scatter plot": 2}
+_OF_STRUCTURES, _SEVERAL = "Structures along the mode", 3
 
 
 class _SubjectView(QTableView):
@@ -391,14 +417,15 @@ class _SubjectView(QTableView):
         """Make the columns as wide as their contents."""
         head = self.horizontalHeader().fontMetrics().horizontalAdvance(_HEADS[1]) + _PADDING_PX
         self.setColumnWidth(1, min(max(self.sizeHintForColumn(1), head), scaled(_GROUP_PX)))
-        for number in range(2, len(_HEADS)):
-            self.setColumnWidth(number, max(scaled(_NUMBER_PX), self.sizeHintForColumn(number)))
+        for number in range(2, self.model().columnCount()):
+            wide = self.horizontalHeader().sectionSizeHint(number) if number >= len(_HEADS) else 0
+            self.setColumnWidth(number, max(scaled(_NUMBER_PX), self.sizeHintForColumn(number), wide))
         self.fit_names()
 
     def fit_names(self) -> None:
         """Distribute the width."""
         head = self.horizontalHeader()
-        others = sum(head.sectionSize(column) for column in range(1, len(_HEADS)))
+        others = sum(head.sectionSize(column) for column in range(1, head.count()))
         head.resizeSection(0, max(scaled(_NAME_PX), self.viewport().width() - others))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -493,7 +520,7 @@ class MeasurePage(ExplorePage):
             particles = (
                 result.world[result.names.index(pick.name)]
                 if pick.name in (view.subject, view.beside)
-                else self.fitted.shape.model.instance(deviations_of(view))
+                else self.fitted.shape.particles(deviations_of(view))
             )
             nearest = int(np.square(particles - pick.place).sum(axis=1).argmin())
             self.particles[self._next].setValue(nearest)
@@ -528,7 +555,7 @@ class MeasurePage(ExplorePage):
         """Write the table of the subjects; raises InputError if it can't be written."""
         from homolog_app.exports.tables import write_measures
 
-        result = self.workspace.session.result
+        result = self.workspace.session.part
         if result is not None and self._subjects is not None:
             present = with_current_table(result.result, self.workspace.session.study)
             write_measures(path, present, self._subjects, *self.pair)
@@ -543,7 +570,7 @@ class MeasurePage(ExplorePage):
         """
         from homolog_app.exports.meshes import write_distances
 
-        view, shape, loaded = self.chosen, self.fitted.shape, self.workspace.session.result
+        view, shape, loaded = self.chosen, self.fitted.shape, self.workspace.session.part
         if view is None or shape is None or loaded is None:
             return ""
         own = aligned_surfaces(loaded)
@@ -551,8 +578,7 @@ class MeasurePage(ExplorePage):
         if view.subject:
             surface, _ = named_surface(view.subject, shape, own, self._groups)
         else:
-            moved = shape.moved(deviations_of(view))
-            surface = TriangleMesh(shape.mean.vertices + moved, shape.mean.faces)
+            surface = shape.mean.moved(shape.mean.vertices + shape.moved(deviations_of(view)))
         return write_distances(path, surface, other)
 
     @property
@@ -576,6 +602,10 @@ class MeasurePage(ExplorePage):
             for box, value in zip(self.particles, (along.argmin(), along.argmax()), strict=True):
                 box.setRange(0, len(mean) - 1)
                 box.setValue(int(value))
+            self.kind.removeItem(_SEVERAL)
+            if shape is not None and shape.result.parts:
+                self.kind.addItem(_OF_STRUCTURES, _SEVERAL)
+            self.choose_plots()
             self.mode.clear()
             self.mode.addItems([f"Mode {mode + 1}" for mode in range(shape.modes if shape else 0)])
             self.place.setValue(0)
@@ -594,7 +624,7 @@ class MeasurePage(ExplorePage):
         """Measure subjects and mode in the computing thread, unless already done."""
         shape, mode, work = self.fitted.shape, self.mode.currentIndex(), self.workspace.work
         busy = self.workspace.session.job.is_busy
-        loaded, request = self.workspace.session.result, (shape, mode)
+        loaded, request = self.workspace.session.part, (shape, mode)
         done = self._subjects is not None and mode in self._along
         if not self.isVisible() or shape is None or loaded is None or mode < 0 or done or busy:
             return
@@ -622,7 +652,7 @@ class MeasurePage(ExplorePage):
     def _show_place(self) -> None:
         at = self.place.value() / STEPS
         self.at.show_value(at)
-        for plot in self.charts.each:
+        for plot in (*self.charts.each, *self.charts.structures.values()):
             plot.show_place(at)
         self.shown_changed.emit()
 
@@ -636,11 +666,12 @@ class MeasurePage(ExplorePage):
             curves = measures.columns(shape.distances_along(mode, x, self.pair))
         for plot, y in zip(self.charts.each, curves, strict=True):
             plot.show_curve(x, y, f"mode {mode + 1} (SD)")
+        self.charts.show_structures(measures.structures if measures else {}, x, f"mode {mode + 1} (SD)")
         self._show_table()
         self._show_place()
 
     def _show_table(self) -> None:
-        shape, loaded = self.fitted.shape, self.workspace.session.result
+        shape, loaded = self.fitted.shape, self.workspace.session.part
         for chooser in (self.who, self.beside, self.origin):
             chooser.show_surfaces(shape.result.names if shape else (), self._groups if shape else ())
         if loaded is None or self._subjects is None:
@@ -652,8 +683,10 @@ class MeasurePage(ExplorePage):
         result = with_current_table(loaded.result, self.workspace.session.study)
         columns = self._subjects.columns(distances(result.local, *self.pair))
         groups = [group or "" for group in result.groups]
-        rows = zip(result.names, groups, *(column.tolist() for column in columns), strict=True)
-        self.table.show_rows(list(rows))
+        several = self._subjects.structures
+        every = (*columns, *several.values())
+        rows = zip(result.names, groups, *(column.tolist() for column in every), strict=True)
+        self.table.show_rows(list(rows), [_heading(title) for title in several])
         self.view.fit_columns()
         self.view.setColumnHidden(_VOLUME, bool(np.isnan(self._subjects.volumes).all()))
         self.charts.show_measures(columns, groups, result.names)
@@ -666,6 +699,12 @@ class MeasurePage(ExplorePage):
         name = self._rows.index(row.row(), 0).data()
         if name:
             self.workspace.session.select([name])
+
+
+def _heading(title: str) -> str:
+    """Return the heading of a measure of structures by its title in tables."""
+    kind, *names, unit = title.split("_")
+    return f"{'–'.join(names)}\n({unit})" if kind == "distance" else f"{' '.join(names)}\n({unit})"
 
 
 def _amounts() -> FloatArray:

@@ -21,6 +21,7 @@ from homolog_app.rendering.content import SubjectContents, ViewContents
 from homolog_app.rendering.text import short
 from homolog_app.scenes.shapes import mode_scene
 from homolog_app.scenes.states import REACH, ModesView
+from homolog_app.studies.structures import POSES, SHAPES
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import STEPS, Player
 from homolog_app.window.explore.mode_plots import ModePlots
@@ -298,7 +299,9 @@ class ModesPage(ExplorePage):
     def show_state(self) -> None:
         """Update status and buttons."""
         shape, job = self._shape, self.workspace.session.job
-        enable_all(shape is not None, self.sliders, self.player, self.who, self.views)
+        enable_all(shape is not None, self.sliders, self.player, self.views)
+        apart = self.workspace.session.aspect in (SHAPES, POSES)  # on which no subject's particles lie
+        self.who.setEnabled(shape is not None and not apart)
         self.compare.setEnabled(self.fitted.shape is not None)
         self._update_preliminary_mark()
         text = ""  # without a model and work, the panel above has a button for it

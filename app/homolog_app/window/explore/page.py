@@ -72,7 +72,7 @@ class ModelCache(QObject):
     @property
     def shape(self) -> "ModelShape | None":
         """The model of the result that is open; None until it is fitted."""
-        return self._shape if self._of is self._workspace.session.result else None
+        return self._shape if self._of is self._workspace.session.shown else None
 
     @property
     def preliminary(self) -> PreliminaryModel | None:
@@ -98,7 +98,7 @@ class ModelCache(QObject):
     def is_cancelled(self) -> bool:
         """Whether the fit of the result that is open was cancelled."""
         session = self._workspace.session
-        waits = self._requested is not None and self._requested is session.result
+        waits = self._requested is not None and self._requested is session.shown
         return waits and self.shape is None and not session.job.is_busy
 
     def retry(self) -> None:
@@ -140,7 +140,7 @@ class ModelCache(QObject):
 
     @Slot()
     def _look(self) -> None:
-        session, result = self._workspace.session, self._workspace.session.result
+        session, result = self._workspace.session, self._workspace.session.shown
         self._update_preliminary(result)
         self._wanted |= session.page in _OF_MODEL
         if session.page != self._page:
@@ -151,7 +151,7 @@ class ModelCache(QObject):
         if not self._wanted or result is None or result in (self._of, self._requested) or session.job.is_busy:
             return
         self._requested = result
-        fit = partial(fit_model_shape, session.title, result.method, result.result)
+        fit = partial(fit_model_shape, session.title, result.method, result.result, rigid=result.is_rigid)
 
         def take(shape: "ModelShape") -> None:
             self._of, self._shape = result, shape
@@ -371,7 +371,7 @@ class OverviewPage(ExplorePage):
 
     def _show_kept(self) -> None:
         """List the answers in the project's folder; those of an earlier result separately."""
-        kept, damaged = stored_answers(self.workspace.project) if self._session.folder else ([], [])
+        kept, damaged = stored_answers(self.workspace.shown_project) if self._session.folder else ([], [])
         old = [stored.question.title for stored in kept if stored.is_outdated]
         note = ["Out of date: particles were placed again. Compare again, or write the report:"] * bool(old)
         text = "\n".join([*note, *old, *damaged])
@@ -387,7 +387,7 @@ class OverviewPage(ExplorePage):
         self.primary.setEnabled(chosen and not self._session.job.is_busy and not self._session.read_only)
 
     def _name_primary(self) -> None:
-        project, request = self.workspace.project, self.kept.current_request
+        project, request = self.workspace.shown_project, self.kept.current_request
         self.workspace.work.compute(
             "study",
             lambda _: name_primary(project, request),
@@ -397,7 +397,7 @@ class OverviewPage(ExplorePage):
 
     def _show(self) -> None:
         self._show_kept()
-        loaded = self._session.result
+        loaded = self._session.part
         self.summary.setText(loaded.summary if loaded else "")
         self.verdict.setText(loaded.verdict.summary if loaded else "")
         self.playback.setText(

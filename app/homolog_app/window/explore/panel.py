@@ -15,6 +15,7 @@ from homolog.comparison.stored import stored_answers
 from homolog.errors import InputError
 from homolog.progress import Tick
 from homolog_app.studies.loaded_result import LoadedResult
+from homolog_app.studies.structures import POSES, SHAPES, aspects_of
 from homolog_app.studies.study import FILES, outdated_text
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.check_page import CheckPage
@@ -27,7 +28,18 @@ from homolog_app.window.explore.plan_dialog import PlanDialog
 from homolog_app.window.explore.plot import plots_of
 from homolog_app.window.explore.printing import drawn_report, print_pages
 from homolog_app.window.explore.verdict_bar import VerdictBar
-from homolog_app.window.widgets import GRID, button, column, having, label, link, row, say, set_dimmed
+from homolog_app.window.widgets import (
+    GRID,
+    button,
+    choice,
+    column,
+    having,
+    label,
+    link,
+    row,
+    say,
+    set_dimmed,
+)
 from homolog_app.window.workspace import Controller, Workspace, reported
 
 if TYPE_CHECKING:
@@ -68,13 +80,18 @@ class ExplorePanel(QWidget):
         session = self._session = workspace.session
         session.pages = tuple(page.title for page in PAGES)
         session.page = PAGES[0].title
+        self.aspects = choice("Structures of the model")
+        self.aspects.activated.connect(lambda _: session.show_aspect(self.aspects.currentData()))
+        self._aspects = QWidget()
+        edges = (2 * GRID, GRID, 2 * GRID, 0)
+        row(label("Model of"), (self.aspects, 1), on=self._aspects, edges=edges)
         self.verdict, self.outdated = VerdictBar(session), label("", "Problem", wrap=True)
         self.outdated.setContentsMargins(2 * GRID, GRID, 2 * GRID, 0)
         self.fit = button("Fit shape model", does=self.fitted.retry)
         missing = label("The shape model is not fitted.", "Problem", wrap=True)
         self.unfitted = QWidget()
         row((missing, 1), self.fit, on=self.unfitted, edges=(2 * GRID, GRID, 2 * GRID, 0))
-        parts = (self.tabs, self.verdict, self.outdated, self.unfitted)
+        parts = (self.tabs, self._aspects, self.verdict, self.outdated, self.unfitted)
         column(*parts, (self._stack, 1), on=self, edges=(0, GRID // 2, 0, 0), gap=0)
         self.tabs.currentChanged.connect(session.show_page)
         session.page_changed.connect(self._turn)
@@ -84,6 +101,8 @@ class ExplorePanel(QWidget):
         offered = (session.job_changed, self.fitted.changed)
         link(lambda: self.unfitted.setVisible(self.fitted.is_cancelled), *offered)
         self.unfitted.hide()
+        link(self._show_aspects, session.result_changed, session.page_changed)
+        self._show_aspects()
         self._update_outdated()
 
     @property
@@ -98,6 +117,17 @@ class ExplorePanel(QWidget):
     def open_page(self, page: ExplorePage) -> None:
         """Open a page."""
         self._session.show_page(page.title)
+
+    def _show_aspects(self) -> None:
+        """List what of several structures can be shown; pose and shape apart on the page of modes only."""
+        result = self._session.result
+        aspects = aspects_of(result) if result is not None else {}
+        self._aspects.setVisible(bool(aspects))
+        self.aspects.clear()
+        for title, aspect in aspects.items():
+            if aspect not in (SHAPES, POSES) or isinstance(self.page, ModesPage):
+                self.aspects.addItem(title, aspect)
+        self.aspects.setCurrentIndex(self.aspects.findData(self._session.aspect))
 
     def _update_outdated(self) -> None:
         """Show whether the result belongs to a previous cohort."""
@@ -240,20 +270,20 @@ class ExploreController(Controller):
         is_open = session.step == "explore" and session.page == groups.title
         if not is_open or session.job.is_busy or self._panel.fitted.shape is None:
             return
-        if self._asked_of is session.result:
+        if self._asked_of is session.part:
             return
-        self._asked_of = session.result
+        self._asked_of = session.part
         if (
             groups.answers
             or self._wanted is not None
             or session.folder is None
             or not session.is_result_written
-            or session.result is None
-            or not session.result.verdict.is_usable
+            or session.part is None
+            or not session.part.verdict.is_usable
         ):
             return
         with suppress(InputError):  # *Overview* shows the reason
-            kept = [item for item in stored_answers(self._workspace.project)[0] if not item.is_outdated]
+            kept = [item for item in stored_answers(self._workspace.shown_project)[0] if not item.is_outdated]
             if kept and groups.form.ask(kept[0].question):
                 groups.test(turns=False)
 
@@ -283,7 +313,7 @@ class ExploreController(Controller):
 
     @reported
     def _compute_plan(self, given: dict[str, Any]) -> None:
-        project, dialog = self._workspace.project, self._plan
+        project, dialog = self._workspace.shown_project, self._plan
         assert dialog is not None, "it asks"
 
         def work(tick: Tick) -> "Plan":

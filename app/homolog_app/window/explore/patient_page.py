@@ -457,10 +457,10 @@ class PatientPage(ExplorePage):
         """Freeze the model of the chosen group of the open project, fitting each control as a patient."""
         if not may_use(self.window(), self.workspace.session):
             return
-        project = self.workspace.project
+        project = self.workspace.shown_project
         group = None if self.group.currentIndex() <= 0 else self.group.currentText()
         columns, person, time = self.adjust.chosen, self.person.currentData(), self.time.currentData()
-        loaded, study = self.workspace.session.result, self.workspace.session.study
+        loaded, study = self.workspace.session.part, self.workspace.session.study
         result = None if loaded is None else with_current_table(loaded.result, study)
 
         def make(tick: Tick) -> "Reference":

@@ -36,7 +36,7 @@ class VerdictBar(QWidget):
 
 def may_use(window: QWidget, session: Session) -> bool:
     """Return whether the result may be analysed: it is usable, or the user says so now or has said so."""
-    loaded, verdict = session.result, _verdict(session)
+    loaded, verdict = session.part, _verdict(session)
     if verdict is None or verdict.is_usable or session.used_anyway is loaded:
         return True
     details = f"{verdict.cause} {verdict.remedy}\n\n{verdict.numbers}"
@@ -47,4 +47,4 @@ def may_use(window: QWidget, session: Session) -> bool:
 
 
 def _verdict(session: Session) -> "Verdict | None":
-    return session.result.verdict if session.result is not None else None
+    return session.part.verdict if session.part is not None else None

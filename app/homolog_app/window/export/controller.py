@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QWidget
 from homolog.errors import InputError
 from homolog.io.names import file_stems
 from homolog_app.studies.files import ViewRecord, save_project
+from homolog_app.studies.structures import POSES, SHAPES
 from homolog_app.studies.study import with_current_table
 from homolog_app.window.dialogs import ask
 from homolog_app.window.explore.modes_page import ModesPage
@@ -126,16 +127,16 @@ class ExportController(Controller):
     def _exported(self) -> "Exported":
         from homolog_app.window.export.dialog import Exported
 
-        session, project = self._workspace.session, self._workspace.project
+        session, project = self._workspace.session, self._workspace.shown_project
         columns, modes = self._columns(), len(session.study.included) - 1
         shape = self._explore.fitted.shape
-        if session.result is not None:
-            modes = shape.modes if shape else len(session.result.result.names) - 1
+        if session.part is not None:
+            modes = shape.modes if shape else len(session.part.result.names) - 1
         (stem,) = file_stems([session.title])
         return Exported(
             project=project.folder,
             name=stem,
-            folder=project.folder.parent if session.folder else Path.home(),
+            folder=session.folder.parent if session.folder else Path.home(),
             modes=modes,
             mode=min(self._explore.page_of(ModesPage).sliders.chosen + 1, modes),
             columns=columns,
@@ -159,9 +160,9 @@ class ExportController(Controller):
         from homolog.comparison.sample import column_of
 
         session = self._workspace.session
-        if session.result is None:
+        if session.part is None:
             return {}
-        result = with_current_table(session.result.result, session.study)
+        result = with_current_table(session.part.result, session.study)
         names = dict.fromkeys(name for column in result.columns for name in column)
         return {name: column_of(result, name) for name in ("group", *names)}
 
@@ -171,4 +172,7 @@ class ExportController(Controller):
         if session.folder is None and not workspace.session.job.is_busy:
             save_project(workspace.project, session.study, ViewRecord())
         missing = session.missing
-        return f"{' and '.join(missing)} are exported only after the project is saved." if missing else ""
+        parts = [f"{' and '.join(missing)} are exported only after the project is saved."] * bool(missing)
+        if session.aspect in (SHAPES, POSES):
+            parts.append("Only pictures of the views show shape or pose alone.")
+        return " ".join(parts)
