@@ -18,7 +18,14 @@ from homolog.statistics.anova import unequal_slopes
 from homolog.statistics.comparison import Comparison, prepare_shapes
 from homolog.statistics.covariates import with_covariate_effects, with_unadjusted
 from homolog.statistics.data_notes import PARTNER_MISSING, exclusion_notes, repeated_notes, spelling_notes
-from homolog.statistics.design import covariate_columns, make_design, numbers, refuse_repeated, shorthand
+from homolog.statistics.design import (
+    Design,
+    covariate_columns,
+    make_design,
+    numbers,
+    refuse_repeated,
+    shorthand,
+)
 from homolog.statistics.studies import (
     compare_groups,
     compare_pairs,
@@ -159,6 +166,8 @@ def ask_groups(sample: Sample, question: Question, tick: Tick = no_tick) -> Answ
     else:
         members = np.flatnonzero(np.isin(taken, question.between))
         columns = _covariates(sample, question, members)
+        if question.covariates:
+            _design(sample, question, members)  # refuses what can't be estimated before it is computed
         if len(question.between) > 2:
             overall, pairwise = compare_groups(
                 shapes,
@@ -240,23 +249,25 @@ def _repeated(sample: Sample, question: Question, members: IntArray) -> list[str
     return []
 
 
+def _design(sample: Sample, question: Question, members: IntArray) -> Design:
+    """Return the formula of groups and covariates; raise InputError if it can't be estimated."""
+    table, categories = _table(sample, question, members)
+    table = {plain_name(name): cells for name, cells in table.items()}
+    covariates, labels = list(table), sample.texts(question.column)
+    table[question.column] = [labels[index] for index in members.tolist()]
+    return make_design(
+        shorthand(question.column, covariates),
+        table,
+        categories={question.column, *map(plain_name, categories)},
+        names=[sample.names[index] for index in members.tolist()],
+    )
+
+
 def _slope_notes(sample: Sample, question: Question, overall: Comparison, shapes: FloatArray) -> list[str]:
     """Return notes on covariates whose slope differs between the compared groups."""
-    table, categories = _table(sample, question, overall.subjects)
-    table = {plain_name(name): cells for name, cells in table.items()}
-    labels = sample.texts(question.column)
-    table[question.column] = [labels[index] for index in overall.subjects.tolist()]
-    try:
-        design = make_design(
-            shorthand(question.column, [name for name in table if name != question.column]),
-            table,
-            categories={question.column, *map(plain_name, categories)},
-        )
-    except InputError as error:
-        return [f"Whether the groups have one slope along each covariate can't be tested: {error}."]
     return unequal_slopes(
         prepare_shapes(shapes[overall.subjects], question.options),
-        design,
+        _design(sample, question, overall.subjects),
         [question.column],
         permutations=question.permutations,
         seed=question.seed,

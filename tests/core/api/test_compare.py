@@ -133,6 +133,13 @@ def test_what_can_not_be_compared_is_refused(shapes, arguments, fault):
         hl.compare_groups(shapes, arguments.pop("groups", GROUPS), **(QUICK | arguments))
 
 
+def test_a_site_that_is_the_group_but_for_one_subject_is_refused_with_numbers(shapes):
+    site = ["x" if group in (None, "a") else "y" for group in GROUPS]
+    site[2] = "y"
+    with pytest.raises(hl.InputError, match=r"site can be estimated by .* alone.* \(variance inflation"):
+        hl.compare_groups(shapes, GROUPS, ("a", "b"), covariates={"site": site}, **FORM)
+
+
 @pytest.fixture
 def result(shapes):
     """Return what `hl.compare_groups` needs of a result or project."""
