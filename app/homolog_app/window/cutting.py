@@ -160,6 +160,8 @@ class CutTool(QObject):
         self._queue(subject.name, text_of(self._with_plane(subject, plane)))
 
     def _queue(self, name: str, text: str) -> None:
+        if self._pending is not None and self._pending[0] != name:
+            self._apply()
         self._pending = name, text
         if not self._timer.isActive():
             self._timer.start()
@@ -209,8 +211,9 @@ class CutTool(QObject):
         radius = 0.01 * self._box.radius.value() * float(np.ptp(whole.vertices, axis=0).max())
         text = self._pending[1] if self._pending is not None and self._pending[0] == subject.name else None
         cuts = list(readable_cuts(subject) if text is None else parse_cuts(text, subject.name))
-        ball, last = Ball(centre, radius, keeps=self._box.tool == BACK), cuts[-1] if cuts else None
-        near = isinstance(last, Ball) and last.keeps == ball.keeps and self._is_painting
-        if not (near and np.linalg.norm(last.centre - centre) < 0.5 * radius):  # type: ignore[union-attr]
+        ball = Ball(centre, radius, keeps=self._box.tool == BACK)
+        before = [cut for cut in cuts[-1:] if isinstance(cut, Ball) and cut.keeps == ball.keeps]
+        step = [float(np.linalg.norm(cut.centre - centre)) for cut in before if self._is_painting]
+        if not step or step[0] >= 0.5 * radius:
             self._queue(subject.name, text_of([*cuts, ball]))
         return True

@@ -140,7 +140,7 @@ class Work(QObject):
         def take(groomed: "GroomedCohort | None") -> None:
             self.to_restore = None
             if groomed is not None:
-                self._receive_groomed(groomed, settings.groom)
+                self._receive_groomed(groomed, cohort, settings.groom)
                 _log.info("%d subjects are already groomed", len(cohort.subjects))
 
         self.compute("restore", look, "looking for groomed shapes", take)
@@ -150,14 +150,15 @@ class Work(QObject):
         settings = self.session.study.settings
 
         def take(groomed: "GroomedCohort") -> None:
-            self._receive_groomed(groomed, settings.groom)
+            self._receive_groomed(groomed, cohort, settings.groom)
             _log.info("groomed %d subjects", len(cohort.subjects))
 
         self.compute("groom", lambda tick: groom(cohort, settings, project, tick), "grooming", take)
 
-    def _receive_groomed(self, groomed: "GroomedCohort", settings: GroomSettings) -> None:
+    def _receive_groomed(self, groomed: "GroomedCohort", cohort: Cohort, settings: GroomSettings) -> None:
+        """Take the surfaces of a cohort, as it was when its grooming began."""
         self.to_restore = None
-        own = self._own_grooming()
+        own = {item.name: own_text(item.columns) for item in cohort.subjects}
         self.session.add_groomed(
             {
                 item.name: Groomed(item, alignment, settings, own.get(item.name, ""))
@@ -165,12 +166,10 @@ class Work(QObject):
             }
         )
 
-    def _own_grooming(self) -> dict[str, str]:
-        return {item.name: own_text(item.columns) for item in self.session.study.included}
-
     def groom_one(self, name: str, project: ProjectFolder) -> None:
         """Groom one subject again; the others keep their surfaces."""
-        study, before, own = self.session.study, self.session.groomed, self._own_grooming()
+        study, before = self.session.study, self.session.groomed
+        own = {item.name: own_text(item.columns) for item in study.included}
         shapes = {other: item.subject for other, item in before.items() if other in own}
 
         def work(tick: Tick) -> "dict[str, tuple[GroomedSubject, FloatArray]]":
