@@ -40,7 +40,7 @@ from homolog.run.events import FinishReason, Phase
 from homolog.run.grow import grow
 from homolog.run.result import OptimizationOutcome, model_of, write_result
 from homolog.run.steps import prepare_inputs, run_optimization
-from homolog.run.structures import prepare_joint_inputs
+from homolog.run.structures import in_other_frames, prepare_joint_inputs
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog.statistics.reconstruction import MeanSurface
 from homolog.statistics.shape_model import ShapeModel
@@ -374,6 +374,8 @@ def correspond(
             )
             for tick, (name, (cohort, sources, groom)) in zip(ticks, read.items(), strict=True)
         }
+    if misplaced := in_other_frames(groomed):
+        raise InputError("\n".join(problem.message for problem in misplaced))
     control.enter(Phase.ALIGNING, "aligning")
     if grows:
         outcome = _grown(everybody, groomed, chosen, alias, control)

@@ -32,7 +32,7 @@ from homolog.run.preliminary import preliminary_result
 from homolog.run.prior_result import PriorResult, read_prior_result
 from homolog.run.result import CANCELLED, OptimizationInput, OptimizationOutcome, model_of, write_result
 from homolog.run.steps import prepare_inputs, run_optimization
-from homolog.run.structures import prepare_joint_inputs
+from homolog.run.structures import in_other_frames, prepare_joint_inputs
 from homolog.run.table_cache import TableCache
 from homolog.settings import RunSettings
 from homolog.threads import cores
@@ -401,9 +401,16 @@ class Run:
         workers, announce = self._settings.workers or cores(), self._control.work_on
         groomed = retried_on_workers(work, "grooming", workers, self._settings.cluster, announce)
         self._readings = {name: {} for name in self._grooms}
-        if any(left_out.values()):
+        misplaced = in_other_frames(groomed)
+        if misplaced and not self._skip_bad:
+            raise InputError("\n".join(problem.message for problem in misplaced))
+        if misplaced or any(left_out.values()):
             self._exclude(left_out)
-            cohort = self._usable()
+            self._exclude(dict.fromkeys(groomed, misplaced))
+            cohort, lost = self._usable(), {problem.subject for problem in misplaced}
+            groomed = {
+                name: [item for item in items if item.name not in lost] for name, items in groomed.items()
+            }
             self._write_run_record(cohort)
         return cohort, groomed
 

@@ -15,7 +15,7 @@ import numpy as np
 from homolog.cohort import Cohort
 from homolog.correspondence import Shape
 from homolog.geometry import rms_radius
-from homolog.grooming import GroomedSubject, GroomReport
+from homolog.grooming import GroomedSubject, GroomReport, Problem
 from homolog.grooming.cache import read_groomed
 from homolog.io.project import ProjectFolder
 from homolog.memory import OnDemand
@@ -24,12 +24,12 @@ from homolog.registration import align_cohort
 from homolog.run.fingerprints import run_fingerprint
 from homolog.run.landmarks import with_landmarks_of_structures
 from homolog.run.prior_result import PriorResult
-from homolog.run.result import OptimizationInput, add_note
+from homolog.run.result import OptimizationInput
 from homolog.run.steps import prepare_inputs
 from homolog.settings import RunSettings
 from homolog.surfaces.mesh import joined
 
-__all__ = ["joined_subject", "prepare_joint_inputs"]
+__all__ = ["in_other_frames", "joined_subject", "prepare_joint_inputs"]
 
 
 def joined_subject(parts: Mapping[str, GroomedSubject]) -> GroomedSubject:
@@ -120,18 +120,15 @@ def prepare_joint_inputs(
     rows = [{item.name: row for row, item in enumerate(part.groomed)} for part in parts.values()]
     everything = set(rows[0]).intersection(*rows[1:])
     whole = _only(cohort, everything)
-    annotated = _with_other_places(
-        [
-            joined_subject(
-                {
-                    name: part.groomed[row[subject.name]]
-                    for (name, part), row in zip(parts.items(), rows, strict=True)
-                }
-            )
-            for subject in whole.subjects
-        ],
-        parts,
-    )
+    annotated = [
+        joined_subject(
+            {
+                name: part.groomed[row[subject.name]]
+                for (name, part), row in zip(parts.items(), rows, strict=True)
+            }
+        )
+        for subject in whole.subjects
+    ]
     known = None if prior is None else prior.alignments
     if optimize.align_by is None:
         _, alignments = align_cohort(
@@ -170,29 +167,29 @@ def _only(cohort: Cohort, names: set[str]) -> Cohort:
     return cohort.without({subject.name for subject in cohort.subjects} - names)
 
 
-def _with_other_places(
-    subjects: Sequence[GroomedSubject], parts: Mapping[str, OptimizationInput]
-) -> list[GroomedSubject]:
-    """Return the subjects, with a note on each in which two structures lie where they lie in no other.
+def in_other_frames(groomed: Mapping[str, Sequence[GroomedSubject]]) -> list[Problem]:
+    """Return the subjects in which two structures lie where they lie in no other.
 
     A structure that is farther from or nearer to another one than usual by the size of the subject did not
     move in the body: the files are in different frames.
     """
-    result = list(subjects)
-    size = float(np.median([rms_radius(item.coarse_mesh.vertices) for item in subjects]))
-    names = [item.name for item in subjects]
-    middles = {
-        name: {item.name: item.mesh.vertices.mean(axis=0) for item in part.groomed}
-        for name, part in parts.items()
-    }
-    centres = {name: np.stack([own[subject] for subject in names]) for name, own in middles.items()}
-    for first, second in combinations(parts, 2):
-        distances = np.linalg.norm(centres[first] - centres[second], axis=1)
-        usual = float(np.median(distances))
-        for index in np.flatnonzero(np.abs(distances - usual) > size).tolist():
-            note = (
-                f"{first} and {second} lie {distances[index]:.0f} mm apart, {usual:.0f} mm in most others: "
-                "its files may be in different coordinate systems; export them in one"
-            )
-            result[index] = add_note(result[index], note)
-    return result
+    meshes = {name: {item.name: item.coarse_mesh for item in items} for name, items in groomed.items()}
+    problems: dict[str, Problem] = {}
+    for first, second in combinations(meshes, 2):
+        names = [name for name in meshes[first] if name in meshes[second]]
+        if len(names) < 2:
+            continue
+        pairs = [(meshes[first][name], meshes[second][name]) for name in names]
+        sizes = [rms_radius(joined(pair).vertices) for pair in pairs]
+        distances = [
+            np.linalg.norm(near.vertices.mean(axis=0) - far.vertices.mean(axis=0)) for near, far in pairs
+        ]
+        usual, size = float(np.median(distances)), float(np.median(sizes))
+        for name, distance in zip(names, distances, strict=True):
+            if abs(distance - usual) > size:
+                text = (
+                    f"{name}: its {first} and {second} lie {distance:.0f} mm apart, {usual:.0f} mm in most "
+                    "others: they are in different coordinate systems; export them in one"
+                )
+                problems.setdefault(name, Problem(name, text))
+    return list(problems.values())

@@ -143,15 +143,19 @@ def test_a_subject_without_a_structure_is_named_and_can_be_left_out(folder, sett
     assert [item.name for item in kept.project.cohort().subjects] == ["a", "b", "c", "d"]
 
 
-def test_structures_in_different_frames_are_noted(folder, settings, tmp_path):
+def test_structures_in_different_frames_are_refused_or_left_out(folder, settings, tmp_path):
     shutil.copytree(folder, tmp_path / "scans")
     place = tmp_path / "scans" / "c" / "flat.ply"
     mesh = read_mesh(place)
     write_mesh(place, TriangleMesh(mesh.vertices + np.array([300.0, 0.0, 0.0]), mesh.faces))
-    project = ProjectFolder(tmp_path / "project")
-    Run(project, read_cohort(tmp_path / "scans"), settings).execute()
-    noted = {item.name: " ".join(item.notes) for item in project.read().result.subjects}
-    assert [name for name, note in noted.items() if "different coordinate systems" in note] == ["c"]
+    project, cohort = ProjectFolder(tmp_path / "project"), read_cohort(tmp_path / "scans")
+    with pytest.raises(InputError) as refused:
+        Run(project, cohort, settings).execute()
+    assert str(refused.value).startswith("c: its long and flat lie 316 mm apart")
+    assert len(str(refused.value).splitlines()) == 1
+    Run(project, cohort, settings, skip_bad=True).execute()
+    assert read_result(project).names == ("a", "b", "d")
+    assert list(project.read().excluded) == ["c"]
 
 
 def test_an_unknown_structure_to_align_by_is_refused(folder, settings, tmp_path):
