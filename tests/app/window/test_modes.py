@@ -1,5 +1,8 @@
 """The Modes page on the real window: what varies, seen and measured on the shapes that are shown."""
 
+import itertools
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -177,7 +180,10 @@ def test_a_subject_is_shown_beside_its_reconstruction(page, scene, window):
     assert "mm from its particles" in built.note
 
 
-def test_playing_moves_the_chosen_mode_until_it_is_held(page, window, wait):
+def test_playing_moves_the_chosen_mode_until_it_is_held(page, window, wait, monkeypatch):
+    clock = itertools.count(step=0.05)
+    steady = SimpleNamespace(perf_counter=lambda: next(clock))  # however long a picture takes
+    monkeypatch.setattr("homolog_app.window.explore.controls.time", steady)
     seen = set()
     page.sliders.moved.connect(lambda: seen.add(round(page.sliders.values[0], 2)))
     window.commands["run.play"].trigger()
