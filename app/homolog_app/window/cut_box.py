@@ -52,7 +52,7 @@ class CutBox(QWidget):
         self.radius = slider("Radius of the brush", *_SIZES, value=8)
         self.radius.setToolTip("Radius of the brush, in hundredths of the shape's length")
         self.where = QWidget()
-        row(self.place, self.keep, label("mm", "Unit"), on=self.where)
+        row((self.place, 1), self.keep, label("mm", "Unit"), on=self.where)
         self.brush = QWidget()
         row(label("Brush", "Hint"), (self.radius, 1), on=self.brush)
         column(

@@ -91,6 +91,8 @@ class CutTool(QObject):
         """Begin with a tool; the selected subject gets a plane if it has none."""
         subject = self._subject
         planes = [cut for cut in readable_cuts(subject) if isinstance(cut, Plane)] if subject else []
+        if self._box.tool and subject is not None:
+            self._scene.show_name(subject.name)
         if self._box.tool == PLANE and subject is not None and not planes:
             self._place(subject)
         self._arm()

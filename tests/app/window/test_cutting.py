@@ -83,6 +83,15 @@ def test_a_plane_is_placed_turned_and_undone_and_the_removed_part_is_shown_faded
     assert len(cuts(page)) == 1
 
 
+def test_a_tool_brings_the_selected_subject_into_view(page):
+    page.commands["view.grid1"].trigger()
+    page.workspace.session.select(["c"])
+    page.views.stage.scene.show_page(0)
+    page.inspector.groom.cuts.tools["plane"].click()
+    assert content(page, "c").faded
+    assert page.views.stage.scene.findChild(CutTool).handle.widget.GetEnabled()
+
+
 def test_the_plane_keeps_a_length_along_the_long_axis(page):
     box = page.inspector.groom.cuts
     box.tools["plane"].click()
