@@ -487,7 +487,7 @@ def _word(numbers: Verdict, subjects: int, particles: int) -> tuple[Word, str, s
             Word.DOUBTFUL,
             "The surfaces do not tell how the subjects are turned against each other: more than half of the "
             "variation may come from that.",
-            "Give landmarks, or keep the files' rotations if these are right.",
+            "Give landmarks, or take the files' rotations as they are (alignment center, Procrustes off).",
         )
     if numbers.unevenness > 1.0:
         return (
