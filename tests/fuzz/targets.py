@@ -99,7 +99,7 @@ def good_checkpoint(folder: Path) -> None:
         "repaired": np.zeros((2, 5), np.int32),
         "energies": np.zeros((1, 4)),
     }
-    counts = {field.name: 1 for field in fields(Checkpoint) if field.name not in arrays}
+    counts = {field.name: 1 for field in fields(Checkpoint) if field.name not in {*arrays, "others"}}
     write_checkpoint(folder / "checkpoint.npz", Checkpoint(**arrays, **counts), "f", 0.5)
 
 

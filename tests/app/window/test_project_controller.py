@@ -293,7 +293,7 @@ def test_the_label_picker_comes_up_where_files_hold_several_labels(window, tmp_p
     picker.choice.setCurrentIndex(picker.choice.findData(5))
     picker.choice.activated.emit(picker.choice.currentIndex())
     assert session.study.settings.groom.label == 5
-    wait(lambda: all(survey.label == 5 for survey in session.surveys.values()))
+    wait(lambda: all(survey.groom.label == 5 for survey in session.surveys.values()))
     assert session.surveys["x"].volume_ml == pytest.approx(0.216)
 
 
