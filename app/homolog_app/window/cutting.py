@@ -43,7 +43,7 @@ class CutTool(QObject):
         self._timer.timeout.connect(self._apply)
         self._stroke, self._is_painting, self._is_applying = 0, False, False
         self.handle.ended(self._end)
-        scene.plot.installEventFilter(self)
+        scene.watch_by(self)
         scene.closing.connect(self.handle.close)
         box.tool_changed.connect(self._take_up)
         box.plane_wanted.connect(self._place_again)

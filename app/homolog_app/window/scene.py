@@ -124,7 +124,6 @@ class Picker(QObject):
         super().__init__(plot)
         self.plot, self._cells, self._particles_of = plot, cells, particles_of
         self._pressed: dict[Qt.MouseButton, QPointF] = {}
-        plot.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Pick where the button is released close to where it was pressed."""
@@ -377,7 +376,9 @@ class Scene(QWidget):
             window.AddObserver("EndEvent", self._after_drawing),
         )
         self.grid = Grid(window)
+        self._watchers: list[QObject] = []
         self.picker = Picker(self.plot, self.grid.cells, self.grid.particles_of)
+        self.watch_by(self.picker)
         self.handle, self._turning = PlaneHandle(self.plot, self._turn_plane), False
         self.displayed = ViewContents(())
         self._reported = (-1, 0, 0)
@@ -674,12 +675,18 @@ class Scene(QWidget):
         height, width, _ = pixels.shape
         return QImage(pixels.tobytes(), width, height, 4 * width, QImage.Format.Format_RGBA8888).copy()
 
+    def watch_by(self, watcher: QObject) -> None:
+        """Let an object filter the events of the views, until they close."""
+        self.plot.installEventFilter(watcher)
+        self._watchers.append(watcher)
+
     def close_scene(self) -> None:
         """Release all VTK objects before the window closes."""
         self.refine_timer.stop()
         self.closing.emit()
         self.handle.close()
-        self.plot.removeEventFilter(self.picker)  # it would receive events of the half destroyed widget
+        for watcher in self._watchers:  # they would receive events of the half destroyed widget
+            self.plot.removeEventFilter(watcher)
         window: Any = self.plot.ren_win
         if window is not None:
             for observer in self._observers:
