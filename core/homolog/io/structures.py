@@ -226,18 +226,18 @@ def list_structures(cohort: Cohort, tick: Tick = no_tick, values: Values = Value
     """
     problems: dict[str, str] = {}
     unavailable: dict[str, list[str]] = {}
-    read: dict[str, list[SubjectStructure]] = {}
+    read: dict[str, tuple[list[SubjectStructure], tuple[str, ...]]] = {}
     jobs = {subject.name: (subject, values) for subject in cohort.subjects}
     for name, future in each_read(_contents_of, jobs, "reading", tick):
         try:
-            read[name], faults = future.result()
-            for fault in faults:
-                unavailable.setdefault(fault.partition(": ")[2], []).append(fault)
+            read[name] = future.result()
         except InputError as error:
             problems[name] = str(error)
         except BrokenExecutor:
             problems[name] = f"{jobs[name][0].path}: {ENDED}"
-    by_subject = {name: read[name] for name in jobs if name in read}
+    by_subject = {name: read[name][0] for name in jobs if name in read}
+    for fault in (fault for name in by_subject for fault in read[name][1]):
+        unavailable.setdefault(fault.partition(": ")[2], []).append(fault)
     structures = joined(_named_alike(by_subject))
     names = (name for subject in cohort.subjects if subject.name in by_subject for name in subject.structures)
     return Structures(structures, problems, _unknown(names, structures), _each_once(unavailable.values()))
