@@ -21,7 +21,7 @@ from homolog.io.project import ProjectFolder
 from homolog.io.results import read_surface
 from homolog.memory import OnDemand
 from homolog.progress import Tick, no_tick, part_of
-from homolog.registration.icp import ANOTHER, candidates, oriented_points
+from homolog.registration.icp import ANOTHER, OrientedPoints, candidates, oriented_points
 from homolog.registration.typicality import angles_from, typical_rotation
 from homolog.statistics.checks import checked_particles
 from homolog.statistics.evaluation import (
@@ -636,7 +636,7 @@ def _measure(
     if turns_of_files is not None:
         prior = float(min(np.square(turns_of_files).mean() / 3.0 + FILES_SPREAD**2, _ANY_TURN))
         do_agree = 2 * np.count_nonzero(turns_of_files > np.radians(ANOTHER)) < count
-        uncertain = 0.0 if do_agree else _uncertain(surfaces, middle, chosen)
+        uncertain = 0.0 if do_agree else _uncertain(surfaces, middle, chosen, tick)
     gaps, thin, walls, apart, turns = [], [], [], [], []
     for place, index in enumerate(chosen):
         tick(place / len(chosen), "judging the model")
@@ -678,16 +678,21 @@ def _turns_of_files(alignments: FloatArray) -> FloatArray:
     return np.radians(angles_from(proper, typical_rotation(proper)))
 
 
-def _uncertain(surfaces: Sequence[TriangleMesh], middle: int, chosen: IntArray) -> float:
+def _uncertain(surfaces: Sequence[TriangleMesh], middle: int, chosen: IntArray, tick: Tick) -> float:
     """Return the share of some subjects that another orientation fits about as well as their own."""
-    typical = oriented_points(surfaces[middle])
+    typical = _of_size_one(surfaces[middle])
     others = [int(index) for index in chosen if index != middle]
     count = 0
     for index in others:
-        own = oriented_points(surfaces[index])
-        given, *turned = candidates(own.scaled(1.0 / own.size), typical.scaled(1.0 / typical.size))
+        tick(0.0, "judging the model")
+        given, *turned = candidates(_of_size_one(surfaces[index]), typical)
         count += any(fit.distance < _AS_WELL * given.distance for fit in turned)
     return count / max(len(others), 1)
+
+
+def _of_size_one(surface: TriangleMesh) -> OrientedPoints:
+    points = oriented_points(surface)
+    return points.scaled(1.0 / points.size)
 
 
 def _turning(
