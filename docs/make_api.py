@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -64,22 +64,38 @@ HEAD = """# Python API
 
 `import homolog as hl` provides the names below, which are loaded on first use. Lengths are millimetres,
 coordinates LPS. M is the number of subjects, N of particles, K of modes. Returned arrays are read-only.
-Classes without `hl.` are parts of others. `help(hl.ShapeModel.fit)`
-shows the parameters of a method, examples, and which errors are raised.
+Classes without `hl.` are parts of others; `help(type(value))` explains their attributes,
+`help(hl.ShapeModel.fit)` the parameters of a method, with examples and the errors that are raised.
 
 Runnable examples: [a model of meshes in memory](examples/meshes_to_model.py),
 [two groups](examples/two_groups.py), [geodesic distances](examples/geodesics.py),
 [an existing project](examples/open_project.py), [one patient](examples/one_patient.py).
 """
 
+RECURRING = {
+    "callback": "`callback(fraction, message)`, about ten times per second. It may raise `Cancelled`, or any"
+    " other error, to stop.",
+    "random_state": "Random seed; the same seed gives the same result.",
+    "permutations": "Number of permutations or randomizations of each test; p-values are at least"
+    " 1 / (permutations + 1).",
+    "complete_cases": "Whether subjects with missing values in the columns used are excluded and counted in"
+    " `notes`, instead of refused.",
+    "modes": "Number of modes that are tested beside the coordinates; by parallel analysis if not given.",
+    "anyway": "Whether to use a model even if its verdict is *not usable*.",
+    "names": "Names of the subjects, for messages; rows of pandas with texts as index are matched with them.",
+    "voxel_size": "Voxel size of label arrays along their axes [mm]: a float or three.",
+}
+
 _SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}\n", re.MULTILINE)
 _ENTRIES = ("Parameters", "Attributes", "Returns")
-_ONLY_IN_HELP = ("Examples", "Raises", "References")
+_ONLY_IN_HELP = ("Examples", "Raises", "References", "See Also")
 
 
 def reference() -> str:
     """Return the page."""
-    parts = [HEAD]
+    parts = [HEAD, "These parameters of functions are the same everywhere:\n"]
+    parts += [f"- `{name}`: {text}" for name, text in RECURRING.items()]
+    parts.append("")
     for title, members in GROUPS.items():
         parts.append(f"## {title}\n")
         for member in members:
@@ -98,7 +114,11 @@ def _documented(member: Any) -> Iterator[str]:  # noqa: ANN401 - a class or a fu
         _signature(member) if inspect.isfunction(member) or name in ("TriangleMesh", "Project") else ""
     )
     yield f"### `{prefix}{name}{signature}`\n"
-    yield from _markdown(inspect.getdoc(member) or "")
+    text = inspect.getdoc(member) or ""
+    if not prefix:
+        yield from _names_only(text)
+        return
+    yield from _markdown(text, RECURRING.keys() if inspect.isfunction(member) else ())
     if not inspect.isclass(member) or issubclass(member, Exception):
         return
     parts = [part for part in member.__mro__ if part is member or part.__module__.startswith("homolog.api.")]
@@ -152,16 +172,30 @@ def _signature(function: Any) -> str:  # noqa: ANN401
     return f"({', '.join(shown)})"
 
 
-def _markdown(text: str) -> Iterator[str]:
-    """Return a numpydoc docstring as Markdown."""
+def _names_only(text: str) -> Iterator[str]:
+    """Return the first paragraph of a class's docstring, and the names of its attributes."""
+    head, *sections = _SECTION.split(text)
+    body = dict(zip(sections[::2], sections[1::2], strict=True))["Attributes"]
+    names = [
+        f"`{name}`"
+        for entry in re.split(r"\n(?=\S)", body.strip("\n"))
+        for name in entry.partition("\n")[0].partition(" : ")[0].split(", ")
+    ]
+    yield f"{_paragraphs(head)}\nAttributes: {', '.join(names)}.\n"
+
+
+def _markdown(text: str, without: Collection[str]) -> Iterator[str]:
+    """Return a numpydoc docstring as Markdown, but for some parameters."""
     head, *sections = _SECTION.split(text)
     yield _paragraphs(head)
     for title, body in zip(sections[::2], sections[1::2], strict=True):
         if title in _ONLY_IN_HELP:
             continue
-        if title in _ENTRIES:
+        if title == "Returns" and "\n" not in body.strip():
+            yield f"\nReturns `{body.strip()}`."
+        elif title in _ENTRIES:
             yield f"\n**{title}**\n"
-            yield from _entries(body)
+            yield from _entries(body, without if title == "Parameters" else ())
         else:
             yield f"\n**{title}**\n\n{_paragraphs(body)}"
     yield ""
@@ -171,11 +205,13 @@ def _paragraphs(text: str) -> str:
     return "\n\n".join(_plain(block) for block in re.split(r"\n\s*\n", text.strip())) + "\n"
 
 
-def _entries(body: str) -> Iterator[str]:
+def _entries(body: str, without: Collection[str]) -> Iterator[str]:
     """Return entries, each a head at the left margin and an indented description, as a list."""
     for entry in re.split(r"\n(?=\S)", body.strip("\n")):
         head, _, text = entry.partition("\n")
         name, colon, kind = head.partition(" : ")
+        if name in without:
+            continue
         parts = [_plain(part) for part in (kind if colon else "", text) if part.strip()]
         yield ": ".join([f"- `{name}`", ". ".join(parts)]) if parts else f"- `{name}`"
 
