@@ -732,10 +732,13 @@ def parsed(formula: str) -> tuple[tuple[str, ...], ...]:
     right = text.removeprefix("~")
     if "~" in right:
         raise InputError(f"formula {formula!r}: shape is what is explained; begin with '~'")
+    unreadable = f"formula {formula!r} can't be read; use columns, +, :, *, ^ and parentheses"
     try:
         parsed_terms = DefaultFormulaParser().get_terms(f"~ {right}").root
     except (FormulaicError, SyntaxError, AttributeError, TypeError, ValueError) as error:
-        raise InputError(f"formula {formula!r} can't be read: {str(error).splitlines()[0]}") from error
+        raise InputError(unreadable) from error
+    if isinstance(parsed_terms, tuple):  # of each part around a "|"
+        raise InputError(unreadable)
     terms: list[tuple[str, ...]] = []
     intercept = False
     for term in parsed_terms:

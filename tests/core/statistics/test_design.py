@@ -199,6 +199,8 @@ def test_strata_are_removed_before_terms():
         ("~ group + oops", {}, "no column 'oops'; columns are: group, sex, age"),
         ("~ log(age)", {}, "'log(age)' is not a column"),
         ("~ group +", {}, "can't be read"),
+        ("~ age | group", {}, "can't be read; use columns"),
+        ("~ .", {}, "can't be read; use columns"),
         ("~ 0 + group", {}, "the intercept belongs to every design"),
         ("shape ~ group", {}, "begin with '~'"),
         ("~ 1", {}, "name a column"),
