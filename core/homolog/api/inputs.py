@@ -279,6 +279,8 @@ def column_of(values: Any, names: Sequence[str] | None, what: str) -> Sequence[A
         raise InputError(f"{what}: give a value for each subject, not {type(values).__name__}")
     if not hasattr(values, "notna"):
         return values  # type: ignore[no-any-return]
+    if not hasattr(values, "index"):  # an array of pandas, such as a Categorical
+        return values.astype(object).tolist()  # type: ignore[no-any-return]
     if names is not None and all(isinstance(row, str) for row in values.index):
         values = values.iloc[matched_rows(names, {}, list(values.index))]
     return values.astype(object).where(values.notna(), None).tolist()  # type: ignore[no-any-return]

@@ -258,7 +258,10 @@ def _size(answer: Answer, comparison: Comparison) -> str:
         return ""
     tested = p_text(p, size.permutations)
     if (between := comparison.size_variance) is not None:
-        verb = "the groups differ" if p <= LEVEL else "no difference is shown"
+        if answer.question.kind == "formula":  # an interaction has no groups of its own
+            verb = f"{'an effect' if p <= LEVEL else 'no effect'} is shown"
+        else:
+            verb = "the groups differ" if p <= LEVEL else "no difference is shown"
         return f"{verb} (F({between.dof[0]:g}, {between.dof[1]:.3g}) = {between.f:.1f}, {tested})."
     if not np.isfinite(size.value):
         return f"{'an effect' if p <= LEVEL else 'no effect'} is shown, {tested}."

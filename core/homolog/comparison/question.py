@@ -175,7 +175,7 @@ def alignment_of(word: str) -> Alignment:
         return Alignment(word)
     except ValueError as error:
         known = ", ".join(Alignment)
-        raise InputError(f"alignment {word!r}: choose one or several of {known}") from error
+        raise InputError(f"alignment {word!r}: choose from {known}") from error
 
 
 def questions(alignments: Sequence[str], **given: Any) -> tuple[Question, ...]:  # noqa: ANN401 - checked

@@ -116,7 +116,7 @@ def test_a_pair_of_groups_may_lack_categories_that_others_have():
         ({"between": ("a", "z")}, "no subject is in 'z'"),
         ({"between": ("a",)}, "a comparison needs two"),
         ({"covariates": {"age": [1.0]}}, "'age': 1 values for 18"),
-        ({"alignment": "rotated"}, "'rotated': choose one or several of as-it-lies, form, shape"),
+        ({"alignment": "rotated"}, "'rotated': choose from as-it-lies, form, shape"),
         ({"alignment": ("form", "form")}, "each once"),
         ({"pairs": [("a", "b")]}, "`between` chooses the groups"),
         ({"pairs": 9 * ["l", "r"]}, "is between two values"),

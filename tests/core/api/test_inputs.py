@@ -92,6 +92,8 @@ def test_groups_and_covariates_are_taken_from_pandas():
     found = hl.compare_groups(SHAPES, pandas.Series(GROUPS, dtype="category"), covariates=frame, **given)
     np.testing.assert_array_equal(found.p_fwe, expected.p_fwe)
     assert found.notes == expected.notes
+    found = hl.compare_groups(SHAPES, pandas.Categorical(GROUPS), covariates=frame, **given)
+    np.testing.assert_array_equal(found.p_fwe, expected.p_fwe)
 
 
 def test_rows_that_have_names_are_matched_by_them():
