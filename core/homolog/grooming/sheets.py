@@ -110,7 +110,7 @@ def sheet_of(mesh: TriangleMesh, settings: GroomSettings) -> Sheet | None:
             dropped,
             f"the largest of {dropped + 1} separate pieces was kept ({100.0 * share:.0f} % of the area)",
         ),
-        (True, f"is open and stays so: rims of {len(widths)} openings ({sizes} mm wide)"),
+        (True, f"is open and stays so: openings {sizes} mm wide"),
         (holes, f"openings smaller than a particle's part of the surface were closed ({holes})"),
     ]
     notes = tuple(note for is_true, note in said if is_true)
