@@ -37,9 +37,9 @@ def test_a_row_of_types_declares_categories_for_the_command_line_the_api_and_the
     project, tmp_path, capsys
 ):
     import homolog as hl
+    from homolog.comparison.choices import covariates_of
     from homolog.comparison.sample import column_of
-    from homolog_app.studies.questions import covariates_of
-    from homolog_app.studies.study import Member, Study
+    from homolog_app.window.study import Member, Study
 
     path = tmp_path / "types.csv"
     path.write_text("name,site,age\ntype,category,number\na,1,60\nb,2,50\nc,1,55\nd,2,48\n", encoding="utf-8")
@@ -47,8 +47,8 @@ def test_a_row_of_types_declares_categories_for_the_command_line_the_api_and_the
     assert column_of(read_result(project), "site") == column_of(read_result(project), "site:c")
     assert hl.Project(project.folder).covariates["site:c"] == ("1", "2", "1", "2")
     study = Study(tuple(Member(subject) for subject in project.cohort().subjects))
-    assert {"site:c", "age"} <= set(covariates_of(study, "group"))
-    assert "site" not in covariates_of(study, "group")
+    assert {"site:c", "age"} <= set(covariates_of(study.cohort, "group"))
+    assert "site" not in covariates_of(study.cohort, "group")
     path.write_text("name,age\ntype,number\na,60 y\n", encoding="utf-8")
     assert main(["table", str(project.folder), str(path)]) == 2
     assert "'60 y'" in capsys.readouterr().err

@@ -3,7 +3,7 @@ from dataclasses import replace
 from homolog.cohort import Cohort
 from homolog.io.project import ProjectFolder
 from homolog.settings import RunSettings
-from homolog_app.studies.jobs import RunJob
+from homolog_app.window.jobs import RunJob
 
 
 def test_the_addresses_of_a_runs_cluster_are_logged_once(tmp_path, caplog, monkeypatch):

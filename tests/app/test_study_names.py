@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from homolog_app.studies.study import Member, Study, extension_of, outdated_text
+from homolog_app.window.study import Member, Study, extension_of, outdated_text
 
 
 class CountedName(str):

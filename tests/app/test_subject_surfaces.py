@@ -7,9 +7,9 @@ import pytest
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_result
 from homolog.settings import RunSettings
+from homolog_app.scenes import loaded_result
+from homolog_app.scenes.loaded_result import load_result
 from homolog_app.scenes.subjects import subject_contents
-from homolog_app.studies import loaded_result
-from homolog_app.studies.loaded_result import load_result
 
 
 @pytest.fixture

@@ -36,7 +36,7 @@ from homolog.io.results import read_result, read_surface, surface_file
 from homolog.run import Run
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.studies.loaded_result import LoadedResult, write_from_memory
+from homolog_app.scenes.loaded_result import LoadedResult, write_from_memory
 
 BEANS, VARIATION, LONGER = 8, 0.03, 1.02
 
@@ -126,12 +126,12 @@ OPENING = """
 import sys
 from pathlib import Path
 from homolog.io.project import ProjectFolder
-from homolog_app.studies.loaded_result import load_result
+from homolog_app.scenes.loaded_result import load_result
 loaded = load_result(ProjectFolder(Path(sys.argv[1])))
 """
 PAGE = OPENING + "[loaded.surfaces[name] for name in loaded.result.names[:16]]"
 MODEL = f"""{OPENING}
-from homolog_app.studies.model_shape import fit_model_shape
+from homolog_app.scenes.model_shape import fit_model_shape
 fit_model_shape('', loaded.method, loaded.result)
 """
 STEPS = {

@@ -43,7 +43,7 @@ def lumpy_model(subjects: int, particles: int, vertices: int):
     from homolog.io.results import Result
     from homolog.settings import Method
     from homolog.surfaces.mesh import TriangleMesh
-    from homolog_app.studies.model_shape import fit_model_shape
+    from homolog_app.scenes.model_shape import fit_model_shape
 
     generator = np.random.default_rng(0)
     points, surface = even_points(particles), even_points(vertices)

@@ -114,13 +114,13 @@ def write_table(path: Path) -> None:
 
 
 def read_journal(folder: Path) -> object:
-    from homolog_app.studies.files import find_lost, study_of
+    from homolog_app.window.study_files import find_lost, study_of
 
     return [study_of(item.record.study, item.base) for item in find_lost(folder / "sessions")]
 
 
 def good_journal(folder: Path) -> None:
-    from homolog_app.studies.files import JournalRecord, StudyRecord
+    from homolog_app.window.study_files import JournalRecord, StudyRecord
 
     study = StudyRecord.model_validate({"subjects": [{"name": "a", "path": "a.nrrd"}], "excluded": ["a"]})
     (folder / "sessions" / "one").mkdir(parents=True)
@@ -135,7 +135,7 @@ def good_window(folder: Path) -> None:
 
 
 def read_window(folder: Path) -> object:
-    from homolog_app.studies.files import open_project
+    from homolog_app.window.study_files import open_project
 
     return open_project(ProjectFolder(folder / "project"))
 

@@ -173,9 +173,9 @@ _SURFACES = (
 def _write_distances(arguments: argparse.Namespace, _: None, out: Path, tick: Tick) -> str:
     from homolog.progress import part_of
     from homolog_app.exports.meshes import write_distances
+    from homolog_app.scenes.loaded_result import load_result
+    from homolog_app.scenes.model_shape import fit_model_shape
     from homolog_app.scenes.shapes import aligned_surfaces, named_surface
-    from homolog_app.studies.loaded_result import load_result
-    from homolog_app.studies.model_shape import fit_model_shape
 
     project = ProjectFolder(arguments.project)
     loaded = load_result(project, part_of(tick, 0.0, 0.4))

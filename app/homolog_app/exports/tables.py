@@ -36,8 +36,8 @@ from homolog.statistics.welch import compare_measure
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import enclosed_volume
 from homolog_app.exports.settings import TableSettings
-from homolog_app.studies.loaded_result import LoadedResult
-from homolog_app.studies.model_shape import ModelShape
+from homolog_app.scenes.loaded_result import LoadedResult
+from homolog_app.scenes.model_shape import ModelShape
 
 __all__ = [
     "Measures",

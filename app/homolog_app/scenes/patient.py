@@ -233,7 +233,7 @@ def compared(
     """Compare a patient's file with a reference; raises InputError if it can't be compared."""
     from homolog.patient import compare_patient
     from homolog.patient.files import patient_at
-    from homolog_app.studies.file_survey import survey_subject
+    from homolog_app.scenes.file_survey import survey_subject
 
     subject = patient_at(path)
     comparison = compare_patient(reference, subject, values, cut_off=cut_off, tick=tick)

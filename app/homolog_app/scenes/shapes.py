@@ -22,13 +22,13 @@ from homolog_app.rendering.colours import (
 from homolog_app.rendering.content import Content, ViewContents
 from homolog_app.rendering.scene import Arrows
 from homolog_app.rendering.text import short, shortened, signed
+from homolog_app.scenes.loaded_result import LoadedResult
 from homolog_app.scenes.states import REACH, GroupsView, MeasureView, ModesView
-from homolog_app.studies.loaded_result import LoadedResult
 
 if TYPE_CHECKING:
     from homolog.surfaces.comparison import SurfaceDistances
-    from homolog_app.studies.answers import GroupAnswer, GroupMap
-    from homolog_app.studies.model_shape import ModelShape
+    from homolog_app.scenes.group_answers import GroupAnswer, GroupMap
+    from homolog_app.scenes.model_shape import ModelShape
 
 __all__ = [
     "MEAN",
@@ -341,7 +341,7 @@ def _strip(view: ModesView, models: _Models, look: DisplayOptions, mode: int) ->
 
 
 def _placement(model: "ModelShape", models: _Models) -> FloatArray:
-    from homolog_app.studies.model_shape import placement
+    from homolog_app.scenes.model_shape import placement
 
     return _STAY if model is models[0] else placement(model, models[0])
 

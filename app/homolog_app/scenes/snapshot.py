@@ -12,17 +12,16 @@ from homolog.io.project import ProjectFolder
 from homolog.progress import Tick, part_of
 from homolog_app.rendering.content import Content, SubjectContents, ViewContents
 from homolog_app.scenes.check import ENERGIES, Marks, checked_scene
+from homolog_app.scenes.file_survey import survey_subject
+from homolog_app.scenes.loaded_result import LoadedResult, load_result
 from homolog_app.scenes.shapes import group_scene, measured_scene, mode_scene
 from homolog_app.scenes.states import CheckView, GroupsView, MeasureView, ModesView, Snapshot
+from homolog_app.scenes.structures import aspect_of, part_of_aspect, project_of_aspect
 from homolog_app.scenes.subjects import Groomed, moment_of, single_subject, subject_contents
-from homolog_app.studies.file_survey import survey_subject
-from homolog_app.studies.jobs import groomed_before
-from homolog_app.studies.loaded_result import LoadedResult, load_result
-from homolog_app.studies.structures import aspect_of, part_of_aspect, project_of_aspect
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection
-    from homolog_app.studies.model_shape import ModelShape
+    from homolog_app.scenes.model_shape import ModelShape
 
 __all__ = ["view_contents_of"]
 
@@ -90,6 +89,8 @@ def _contents(
     project: ProjectFolder, loaded: LoadedResult | None, wanted: Snapshot, tick: Tick, name: str = ""
 ) -> SubjectContents:
     """Return the contents of all subjects, or of one."""
+    from homolog.run.project_grooming import groomed_before
+
     cohort, settings = project.cohort(), project.read().settings
     groomed = {}
     if loaded is None and (before := groomed_before(cohort, settings, project, part_of(tick, 0.1, 0.2))):
@@ -120,7 +121,7 @@ def _aspect(project: ProjectFolder, whole: LoadedResult | None, wanted: Snapshot
 
 
 def _models(loaded: LoadedResult, wanted: Snapshot, tick: Tick) -> "list[ModelShape]":
-    from homolog_app.studies.model_shape import facing, fit_model_shape, read_model_shape
+    from homolog_app.scenes.model_shape import facing, fit_model_shape, read_model_shape
 
     now = part_of(tick, 0.0, 0.5)
     models = [fit_model_shape(wanted.title, loaded.method, loaded.result, now, rigid=loaded.is_rigid)]
@@ -134,7 +135,7 @@ def _models(loaded: LoadedResult, wanted: Snapshot, tick: Tick) -> "list[ModelSh
 def _groups(
     project: ProjectFolder, loaded: LoadedResult, wanted: Snapshot, view: GroupsView, tick: Tick
 ) -> ViewContents:
-    from homolog_app.studies.answers import answer_groups
+    from homolog_app.scenes.group_answers import answer_groups
 
     models = _models(loaded, wanted, part_of(tick, 0.1, 0.5))
     if view.request is None:

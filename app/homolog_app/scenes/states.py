@@ -184,7 +184,7 @@ class Snapshot(_View):
     beside : Path or None
         The project that is compared with it.
     aspect : str
-        What of several structures is shown (`homolog_app.studies.structures`).
+        What of several structures is shown (`homolog_app.scenes.structures`).
     """
 
     view: View

@@ -11,7 +11,7 @@ from homolog.arrays import Array, FloatArray
 from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.geometry import transform_points
-from homolog.io.constraints import cuts_of, parse_cuts, text_of
+from homolog.io.constraints import cuts_of, own_text, parse_cuts, text_of
 from homolog.io.records import note_kinds
 from homolog.settings import GroomSettings, RunSettings
 from homolog.surfaces.clipping import Cut
@@ -19,12 +19,11 @@ from homolog.surfaces.mesh import TriangleMesh, joined
 from homolog.surfaces.mirroring import mirrors
 from homolog_app.rendering.colours import colours_by_place
 from homolog_app.rendering.content import Content, SubjectContents
-from homolog_app.studies.loaded_result import LoadedResult
-from homolog_app.studies.study import own_text
+from homolog_app.scenes.loaded_result import LoadedResult
 
 if TYPE_CHECKING:
     from homolog.grooming import GroomedSubject
-    from homolog_app.studies.file_survey import FileSurvey
+    from homolog_app.scenes.file_survey import FileSurvey
 
 __all__ = [
     "Groomed",

@@ -10,8 +10,8 @@ from homolog.arrays import Array
 from homolog_app.rendering.colours import rgb
 from homolog_app.rendering.text import millilitres
 from homolog_app.scenes.subjects import Triage
-from homolog_app.studies.study import Member
 from homolog_app.window.session import Session
+from homolog_app.window.study import Member
 from homolog_app.window.theme import Theme, pixmap
 
 __all__ = ["CohortModel", "thumbnail"]

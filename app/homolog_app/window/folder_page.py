@@ -22,9 +22,9 @@ from homolog.cohort import Cohort, Subject, counts_text, read_cohort, tables_bes
 from homolog.errors import InputError
 from homolog.settings import GroomSettings
 from homolog_app.exports.tables import cohort_rows, write_cohort
-from homolog_app.studies.file_survey import FileSurvey, survey_subject
-from homolog_app.studies.study import Reading
+from homolog_app.scenes.file_survey import FileSurvey, survey_subject
 from homolog_app.window.cohort_model import thumbnail
+from homolog_app.window.study import Reading
 from homolog_app.window.theme import Theme, scaled
 from homolog_app.window.widgets import (
     DIALOG_EDGES,

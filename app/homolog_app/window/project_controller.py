@@ -12,7 +12,13 @@ from homolog.errors import InputError, InUseError
 from homolog.io.atomic import replace_folder
 from homolog.io.particles import PARTICLE_SUFFIXES
 from homolog.io.project import ProjectFolder
-from homolog_app.studies.files import (
+from homolog_app.scenes.loaded_result import write_from_memory
+from homolog_app.window.actions import Actions
+from homolog_app.window.dialogs import ask, wait_until, waited
+from homolog_app.window.explore.panel import ExplorePanel
+from homolog_app.window.start_page import StartPage
+from homolog_app.window.study import FILES, Reading, Study, read_subjects, readings_of, with_table
+from homolog_app.window.study_files import (
     InterruptedSession,
     ViewRecord,
     copy_project,
@@ -23,12 +29,6 @@ from homolog_app.studies.files import (
     study_of,
     suggested_folder,
 )
-from homolog_app.studies.loaded_result import write_from_memory
-from homolog_app.studies.study import FILES, Reading, Study, read_subjects, readings_of, with_table
-from homolog_app.window.actions import Actions
-from homolog_app.window.dialogs import ask, wait_until, waited
-from homolog_app.window.explore.panel import ExplorePanel
-from homolog_app.window.start_page import StartPage
 from homolog_app.window.workspace import Controller, Workspace, reported
 
 if TYPE_CHECKING:

@@ -16,10 +16,10 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from homolog_app.studies.study import outdated_text
 from homolog_app.window.actions import Actions
 from homolog_app.window.dialogs import STATUS
 from homolog_app.window.session import PAGE_OF_JOB, Session
+from homolog_app.window.study import outdated_text
 from homolog_app.window.theme import Theme, pixmap, scaled
 from homolog_app.window.widgets import (
     GRID,

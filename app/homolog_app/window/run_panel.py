@@ -7,12 +7,12 @@ from PySide6.QtWidgets import (
 
 from homolog.io.project import ProjectFolder
 from homolog.settings import OptimizeSettings
-from homolog_app.studies.files import interrupted_text
-from homolog_app.studies.study import outdated_text
 from homolog_app.window.actions import Actions
 from homolog_app.window.form import SettingsPair, resources_form
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Session
+from homolog_app.window.study import outdated_text
+from homolog_app.window.study_files import interrupted_text
 from homolog_app.window.widgets import (
     ActionButton,
     Panel,

@@ -10,17 +10,18 @@ from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QUndoCommand, QUndoStack
 
 from homolog.cohort import Subject, column_of
+from homolog.io.constraints import own_text
 from homolog.settings import OWN, OwnGrooming, RunSettings
+from homolog_app.scenes.loaded_result import LoadedResult
+from homolog_app.scenes.model_shape import PreliminaryModel
+from homolog_app.scenes.structures import ALL, POSES, SHAPES, aspect_of, part_of_aspect
 from homolog_app.scenes.subjects import Groomed
-from homolog_app.studies.jobs import Devices, RunJob
-from homolog_app.studies.loaded_result import LoadedResult
-from homolog_app.studies.model_shape import PreliminaryModel
-from homolog_app.studies.structures import ALL, POSES, SHAPES, aspect_of, part_of_aspect
-from homolog_app.studies.study import Extension, Member, Study, extension_of, own_text, with_cuts
+from homolog_app.window.jobs import Devices, RunJob
 from homolog_app.window.runner import Status
+from homolog_app.window.study import Extension, Member, Study, extension_of, with_cuts
 
 if TYPE_CHECKING:
-    from homolog_app.studies.file_survey import FileSurvey
+    from homolog_app.scenes.file_survey import FileSurvey
 
 __all__ = ["BACKGROUND", "PAGE_OF_JOB", "Job", "Session"]
 

@@ -11,10 +11,10 @@ from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushBut
 from homolog.progress import Tick
 from homolog.settings import Alignment, GroomSettings
 from homolog.statistics.procrustes import Alignment as ShapeAlignment
-from homolog_app.studies.study import Study
 from homolog_app.window.actions import Actions
 from homolog_app.window.commands import command
 from homolog_app.window.runner import Status
+from homolog_app.window.study import Study
 from homolog_app.window.theme import Theme, pixmap, scaled
 from homolog_app.window.widgets import (
     GRID,

@@ -13,11 +13,10 @@ from homolog.arrays import FloatArray
 from homolog_app.rendering.camera import Layer
 from homolog_app.rendering.content import SubjectContents, ViewContents
 from homolog_app.rendering.grid import VIEWS
+from homolog_app.scenes.loaded_result import LoadedResult
 from homolog_app.scenes.states import ColouredView, Snapshot, SubjectsView
+from homolog_app.scenes.structures import POSES, SHAPES
 from homolog_app.scenes.subjects import Groomed, subject_contents
-from homolog_app.studies.files import KEPT, ViewRecord
-from homolog_app.studies.loaded_result import LoadedResult
-from homolog_app.studies.structures import POSES, SHAPES
 from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_panel import CohortPanel
 from homolog_app.window.commands import LAYOUTS
@@ -26,6 +25,7 @@ from homolog_app.window.run_particles import EnergyCurves, RunParticles
 from homolog_app.window.scans import ScanController
 from homolog_app.window.scene import Pick
 from homolog_app.window.stage import RangeDialog, view_menu
+from homolog_app.window.study_files import KEPT, ViewRecord
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:

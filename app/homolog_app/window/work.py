@@ -10,32 +10,27 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from PySide6.QtCore import QObject, Slot
 
 from homolog.cohort import Cohort, Subject, column_of
-from homolog.io.constraints import COLUMN
+from homolog.io.constraints import COLUMN, own_text
 from homolog.io.project import ProjectFolder
 from homolog.progress import Tick
 from homolog.settings import GroomSettings
+from homolog_app.scenes.loaded_result import LoadedResult, load_result
 from homolog_app.scenes.subjects import Groomed, whole_surface
-from homolog_app.studies.jobs import (
+from homolog_app.window.jobs import (
     Devices,
     RunJob,
-    carry_cuts,
-    groom,
-    groom_again,
-    groomed_before,
-    import_model,
     prepare,
     read_files,
 )
-from homolog_app.studies.loaded_result import LoadedResult, load_result
-from homolog_app.studies.study import own_text, with_cuts
 from homolog_app.window.runner import JobOutcome, Runner, Status, Task, TaskStatus
 from homolog_app.window.session import BACKGROUND, Job, Session
 from homolog_app.window.start_page import Sample
+from homolog_app.window.study import with_cuts
 
 if TYPE_CHECKING:
     from homolog.arrays import FloatArray
     from homolog.grooming import GroomedSubject
-    from homolog_app.studies.file_survey import FileSurvey
+    from homolog_app.scenes.file_survey import FileSurvey
 
     GroomedCohort = tuple[list[GroomedSubject], FloatArray]
 
@@ -135,6 +130,8 @@ class Work(QObject):
         cohort, settings = self.session.study.cohort, self.session.study.settings
 
         def look(tick: Tick) -> "GroomedCohort | None":
+            from homolog.run.project_grooming import groomed_before
+
             return groomed_before(cohort, settings, project, tick)
 
         def take(groomed: "GroomedCohort | None") -> None:
@@ -149,11 +146,16 @@ class Work(QObject):
         """Groom the subjects of a cohort with the current settings."""
         settings = self.session.study.settings
 
+        def work(tick: Tick) -> "GroomedCohort":
+            from homolog.run.project_grooming import groom_project
+
+            return groom_project(cohort, settings, project, tick)
+
         def take(groomed: "GroomedCohort") -> None:
             self._receive_groomed(groomed, cohort, settings.groom)
             _log.info("groomed %d subjects", len(cohort.subjects))
 
-        self.compute("groom", lambda tick: groom(cohort, settings, project, tick), "grooming", take)
+        self.compute("groom", work, "grooming", take)
 
     def _receive_groomed(self, groomed: "GroomedCohort", cohort: Cohort, settings: GroomSettings) -> None:
         """Take the surfaces of a cohort, as it was when its grooming began."""
@@ -173,6 +175,8 @@ class Work(QObject):
         shapes = {other: item.subject for other, item in before.items() if other in own}
 
         def work(tick: Tick) -> "dict[str, tuple[GroomedSubject, FloatArray]]":
+            from homolog.run.project_grooming import groom_again
+
             return groom_again(study.cohort, name, shapes, study.settings, project, tick)
 
         def take(groomed: "dict[str, tuple[GroomedSubject, FloatArray]]") -> None:
@@ -197,10 +201,15 @@ class Work(QObject):
         }
         text = next(column_of(item.columns, COLUMN) for item in study.included if item.name == name)
 
+        def work(tick: Tick) -> dict[str, str]:
+            from homolog.run.planes import carry_cuts
+
+            return carry_cuts(name, text, shapes, tick)
+
         def take(carried: dict[str, str]) -> None:
             self.session.edit("Carry cuts", with_cuts(self.session.study, carried))
 
-        self.compute("carry", lambda tick: carry_cuts(name, text, shapes, tick), "carrying the cuts", take)
+        self.compute("carry", work, "carrying the cuts", take)
 
     def run(self, project: ProjectFolder, *, resume: bool = False, from_result: bool = False) -> None:
         """Place the particles, or continue from a checkpoint or from the result."""
@@ -267,9 +276,13 @@ class Work(QObject):
         self, source: Path, folder: Path, domain: str, take: Callable[[Sequence[str]], None]
     ) -> None:
         """Create a project from another program's model; `take` receives remarks on it."""
-        self.compute(
-            "import", lambda tick: import_model(source, folder, domain, tick), "importing the model", take
-        )
+
+        def work(tick: Tick) -> list[str]:
+            from homolog.run.import_model import import_model
+
+            return import_model(source, ProjectFolder(folder), domain=domain, tick=tick)
+
+        self.compute("import", work, "importing the model", take)
 
     def make_sample(self, sample: Sample, folder: Path, take: Callable[[Path], None]) -> None:
         """Generate a sample study."""

@@ -20,10 +20,10 @@ from PySide6.QtWidgets import (
 from homolog.errors import HomologError, InputError
 from homolog.io.project import ProjectFolder
 from homolog.settings import RunSettings
-from homolog_app.studies.files import Journal, JournalRecord, ViewRecord, record_of, save_view
-from homolog_app.studies.structures import project_of_aspect
+from homolog_app.scenes.structures import project_of_aspect
 from homolog_app.window.dialogs import LogMemory
 from homolog_app.window.session import Session
+from homolog_app.window.study_files import Journal, JournalRecord, ViewRecord, record_of, save_view
 from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import (
     DIALOG_EDGES,

@@ -140,6 +140,11 @@ class Cohort:
     folder: Path
     notes: tuple[str, ...] = ()
 
+    @property
+    def columns(self) -> list[str]:
+        """Names of the further columns, in the order in which they first occur."""
+        return list(dict.fromkeys(name for subject in self.subjects for name in subject.columns))
+
     def without(self, names: set[str]) -> "Cohort":
         """Return the cohort without the named subjects."""
         kept = tuple(subject for subject in self.subjects if subject.name not in names)

@@ -4,19 +4,24 @@ A pose is asked about as a shape of two points, its turn and its shift, in milli
 the structure's particles (root mean square): whatever tests shapes tests both together and each.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
+from homolog.arrays import frozen
 from homolog.comparison.answer import Answer
 from homolog.comparison.findings import cautions
 from homolog.comparison.sample import Sample
 from homolog.errors import InputError
-from homolog.io.results import Result
+from homolog.geometry import fit_similarity, rotation_of, transform_points
+from homolog.io.results import Part, Result
 from homolog.statistics.comparison import Comparison
 from homolog.statistics.relative_pose import RelativePoses, relative_poses
+from homolog.surfaces.mesh import joined
 
-__all__ = ["NUMBERS", "PoseSample"]
+__all__ = ["NUMBERS", "PoseSample", "apart"]
 
 NUMBERS = 6
 """Of a pose; all are tested, as there are none to be told from noise."""
@@ -84,3 +89,61 @@ class PoseSample:
             lines[1] += f", {angle:.2g}°"
             lines[2] += f", {np.linalg.norm(effect[1]):.2g} mm"
         return lines
+
+
+def apart(result: Result, alone: Mapping[str, Result], reference: str, *, poses: bool) -> Result:
+    """Return the shapes in their mean relative pose, or the mean shapes in each subject's, to first order.
+
+    Parameters
+    ----------
+    result : Result
+        Of several structures.
+    alone : mapping of str to Result
+        Those of each structure.
+    reference : str
+        The structure against which poses are measured.
+    poses : bool
+        Whether poses are kept and shapes left out, rather than the other way round.
+
+    To first order, poses are linear in rotation vectors and translations, and the variance of particles is
+    that of `RelativePoses.components`.
+    """
+    names = [part.name for part in result.parts]
+    whole = [result.world[:, part.particles] for part in result.parts]
+    first = names.index(reference)
+    lie = relative_poses(whole, names, first)
+    means = [form.mean(axis=0) for form in lie.forms]
+    places = [
+        fit_similarity(mean, block.mean(axis=0), scaling=False)
+        for mean, block in zip(means, whole, strict=True)
+    ]
+    axes = rotation_of(places[first])
+    world = []
+    for index, (form, place) in enumerate(zip(lie.forms, places, strict=True)):
+        if not poses:
+            world.append(transform_points(place, form))
+        else:
+            points = transform_points(place, means[index])
+            turns = np.radians(lie.rotations[:, index]) @ axes.T
+            moves = (lie.translations[:, index] @ axes.T)[:, None]
+            world.append(points + np.cross(turns[:, None], points - points.mean(axis=0)) + moves)
+    placed, surfaces = np.concatenate(world, axis=1), []
+    for part, name in zip(result.parts, names, strict=True):
+        own = alone[name]
+        rows = [own.names.index(subject) for subject in result.names]
+        fit = fit_similarity(
+            own.world[rows].mean(axis=0), placed[:, part.particles].mean(axis=0), scaling=True
+        )
+        surfaces.append(own.mean_surface.placed(fit))
+    mean = joined(surfaces)
+    parts = [
+        Part(part.name, part.particles, slice(*ends))
+        for part, ends in zip(result.parts, pairwise((0, *mean.ends)), strict=True)
+    ]
+    return replace(
+        result,
+        world=frozen(placed),
+        mean_surface=mean,
+        smoothing=np.concatenate([alone[name].smoothing for name in names]),
+        parts=tuple(parts),
+    )

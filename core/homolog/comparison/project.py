@@ -21,7 +21,7 @@ from homolog.statistics.comparison import Comparison
 from homolog.statistics.design import reference_first
 from homolog.statistics.procrustes import Alignment
 
-__all__ = ["StudyAnswer", "analyze_result", "primary_of", "questions_of"]
+__all__ = ["StudyAnswer", "analyze_result", "primary_of", "questions_of", "repeat_answers"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,3 +170,16 @@ def analyze_result(
     for done, spread in zip(answers, by_seed, strict=True):
         write_spread(done.folder, spread)
     return tuple(replace(done, seeds=tuple(spread)) for done, spread in zip(answers, by_seed, strict=True))
+
+
+def repeat_answers(
+    project: ProjectFolder, result: Result, answers: Sequence[Answer], seeds: int, tick: Tick
+) -> list[str]:
+    """Answer also with other seeds of the correspondence; store all answers, and return sentences."""
+    spreads = answer_by_seed(project, result, [answer.question for answer in answers], seeds, tick)
+    sentences = []
+    for answer, spread in zip(answers, spreads, strict=True):
+        write_spread(store(project, answer, result), spread)
+        title = f"{answer.question.title}: " if len(answers) > 1 else ""
+        sentences += [f"{title}{sentence}" for sentence in spread_text(spread)]
+    return sentences

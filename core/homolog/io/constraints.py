@@ -1,7 +1,7 @@
 """What is cut away, as texts: the column `cut`, ShapeWorks' constraints (JSON), flags of vertices."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,13 @@ from homolog.errors import InputError
 from homolog.io.atomic import write_text
 from homolog.io.bounded import check_is_file, read_json
 from homolog.io.meshes import read_mesh
+from homolog.settings import OWN
 from homolog.surfaces.clipping import Ball, Cut, Plane, covering
 
 __all__ = [
     "COLUMN",
     "cuts_of",
+    "own_text",
     "parse_cuts",
     "read_constraints",
     "read_flags",
@@ -43,6 +45,12 @@ def cuts_of(subject: Subject, structure: str | None = None) -> tuple[Cut, ...]:
     """
     text = column_of(subject.columns, f"{COLUMN}:{structure}".casefold()) if structure else ""
     return parse_cuts(text or column_of(subject.columns, COLUMN), subject.name)
+
+
+def own_text(columns: Mapping[str, str]) -> str:
+    """Return how a subject is to be groomed in its own way, and in a second line what is cut away of it."""
+    cut = column_of(columns, COLUMN)
+    return column_of(columns, OWN) + (f"\n{cut}" if cut else "")
 
 
 def parse_cuts(text: str, name: str) -> tuple[Cut, ...]:

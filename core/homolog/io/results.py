@@ -1,13 +1,14 @@
 """A project's result, for statistics, pictures and exports."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from homolog.arrays import FloatArray, frozen
+from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.io.arrays import read_arrays, write_arrays
 from homolog.io.meshes import read_mesh
@@ -103,6 +104,17 @@ class Result:
     def mirrored(self) -> int:
         """Number of mirrored subjects."""
         return int(mirrors(self.alignments).sum())
+
+    def with_table_of(self, subjects: Iterable[Subject]) -> "Result":
+        """Return the result with the groups and columns of these subjects; others keep their own."""
+        present = {subject.name: subject for subject in subjects}
+        rows = [
+            (known.group, known.columns) if (known := present.get(name)) is not None else (group, columns)
+            for name, group, columns in zip(self.names, self.groups, self.columns, strict=True)
+        ]
+        return replace(
+            self, groups=tuple(group for group, _ in rows), columns=tuple(columns for _, columns in rows)
+        )
 
 
 def surface_file(project: ProjectFolder, stem: str) -> Path:

@@ -1,6 +1,6 @@
 """Cutting planes and painted regions: placed on one subject and carried to the others by registration."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +13,8 @@ from homolog.errors import InputError
 from homolog.geometry import fit_similarity, inverse_matrices, scale_of, transform_points
 from homolog.grooming import groom_cohort
 from homolog.grooming.cuts import check_cuts
-from homolog.io.constraints import COLUMN, cuts_of, read_constraints, read_flags, text_of
+from homolog.grooming.subject import COARSE_VERTICES
+from homolog.io.constraints import COLUMN, cuts_of, parse_cuts, read_constraints, read_flags, text_of
 from homolog.io.markups import read_markups
 from homolog.progress import Tick, no_tick, part_of
 from homolog.registration import align_cohort
@@ -21,11 +22,13 @@ from homolog.settings import GroomSettings
 from homolog.surfaces.clipping import Ball, Cut, Plane, clipped
 from homolog.surfaces.closest import closest_faces
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.simplify import simplified
 from homolog.surfaces.topology import rim_numbers, rim_sides
 
 __all__ = [
     "carried",
     "carried_cuts",
+    "carry_cuts",
     "common_planes",
     "cut_cohort",
     "marked",
@@ -191,6 +194,27 @@ def carried_cuts(
         start = inverse_matrices(alignments[k][None])[0] @ alignments[source]
         result.append(tuple(cuts) if k == source else carried(cuts, meshes[source], mesh, start))
     return result
+
+
+def carry_cuts(
+    name: str, text: str, shapes: Mapping[str, tuple[TriangleMesh, FloatArray]], tick: Tick
+) -> dict[str, str]:
+    """Return the cuts of all subjects that correspond to those of one of them, as their tables have them.
+
+    Parameters
+    ----------
+    name, text : str
+        The subject, and its cuts.
+    shapes : mapping of str to (TriangleMesh, (4, 4) array)
+        The whole surface of each subject, and its alignment.
+    tick : Tick
+    """
+    names = list(shapes)
+    meshes = [simplified(mesh, COARSE_VERTICES) for mesh, _ in shapes.values()]
+    places = np.stack([place for _, place in shapes.values()])
+    carried = carried_cuts(parse_cuts(text, name), names.index(name), meshes, places, names, tick)
+    texts = {other: text_of(cuts) for other, cuts in zip(names, carried, strict=True)}
+    return texts | {name: text}
 
 
 def plane_through(points: FloatArray, mesh: TriangleMesh) -> Plane:

@@ -212,7 +212,7 @@ def finished(ellipsoids, groomed_cache, tmp_path_factory):
     from homolog.cohort import read_cohort
     from homolog.io.project import ProjectFolder
     from homolog.settings import RunSettings
-    from homolog_app.studies.jobs import RunJob
+    from homolog_app.window.jobs import RunJob
 
     project = ProjectFolder(tmp_path_factory.mktemp("finished") / "study")
     shutil.copytree(groomed_cache, project.groomed)

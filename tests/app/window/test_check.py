@@ -19,7 +19,7 @@ def converged(ellipsoids, groomed_cache, coarse, tmp_path_factory):
     from homolog.cohort import read_cohort
     from homolog.io.project import ProjectFolder
     from homolog.settings import OptimizeSettings, RunSettings
-    from homolog_app.studies.jobs import RunJob
+    from homolog_app.window.jobs import RunJob
 
     project = ProjectFolder(tmp_path_factory.mktemp("converged") / "study")
     shutil.copytree(groomed_cache, project.groomed)

@@ -217,7 +217,7 @@ def copied(finished, tmp_path):
 def test_a_copy_of_a_project_ends_at_the_first_error_and_leaves_nothing(tmp_path, monkeypatch):
     import errno
 
-    from homolog_app.studies.files import copy_project
+    from homolog_app.window.study_files import copy_project
 
     old, tried = tmp_path / "old", []
     old.mkdir()

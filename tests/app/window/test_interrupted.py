@@ -5,7 +5,7 @@ import os
 import numpy as np
 
 from homolog.io.arrays import write_arrays
-from homolog_app.studies.files import interrupted_text
+from homolog_app.window.study_files import interrupted_text
 
 
 def test_an_unfinished_run_says_how_far_it_got(tmp_path):

@@ -10,7 +10,7 @@ import time
 import pytest
 
 from homolog.settings import OptimizeSettings
-from homolog_app.studies.files import JournalRecord
+from homolog_app.window.study_files import JournalRecord
 
 pytestmark = [pytest.mark.window, pytest.mark.own_window]
 

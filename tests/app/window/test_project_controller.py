@@ -344,7 +344,7 @@ def test_what_the_system_refuses_is_said_with_the_file(window, errors, monkeypat
     def refuse(path):
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr("homolog_app.studies.study.read_cohort", refuse)
+    monkeypatch.setattr("homolog_app.window.study.read_cohort", refuse)
     window.projects.open_paths([tmp_path])
     ((_, error),) = errors
     assert user_message(error).startswith(f"{tmp_path}: Permission denied; ")

@@ -100,9 +100,8 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
     texts = dict(page.numbers.texts)
     assert texts["Adjusted for"] == "slot"
     assert texts["Excluded"] == "1 with missing values (complete cases)"
-    from homolog_app.studies.study import with_current_table
 
-    result = with_current_table(answer.shape.result, window.workspace.session.study)
+    result = answer.shape.result.with_table_of(window.workspace.session.study.whole.subjects)
     question = Question(between=("slim", "wide"), covariates=("slot",), permutations=499)
     question = question.model_copy(update={"complete_cases": True})
     same = ask(Sample.of(result), question)

@@ -5,7 +5,7 @@ import pytest
 
 from homolog.cohort import Subject
 from homolog.settings import GroomSettings
-from homolog_app.studies.file_survey import survey_subject
+from homolog_app.scenes.file_survey import survey_subject
 
 
 @pytest.fixture

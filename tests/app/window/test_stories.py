@@ -9,8 +9,8 @@ from PySide6.QtCore import Qt
 
 from homolog.cohort import Subject
 from homolog.settings import OptimizeSettings
-from homolog_app.studies.study import Member, Study
 from homolog_app.window.start_page import BEANS, HEARTS, stops_for
+from homolog_app.window.study import Member, Study
 
 pytestmark = [pytest.mark.window, pytest.mark.own_window]
 

@@ -9,9 +9,10 @@ from homolog.cohort import read_cohort
 from homolog.geometry import fit_similarity, rotation_of
 from homolog.io.meshes import write_mesh
 from homolog.io.project import ProjectFolder
+from homolog.run.project_grooming import groom_project
 from homolog.settings import OptimizeSettings, RunSettings
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.studies.jobs import RunJob, groom
+from homolog_app.window.jobs import RunJob
 
 pytestmark = pytest.mark.window
 
@@ -94,7 +95,7 @@ def test_structures_are_stated_in_cohort_groomed_together_and_shown_as_layers(
     assert len(surfaces(window)) == 2
 
     given = settings_of(coarse)
-    groomed, places = groom(session.study.cohort, given, window.workspace.project, lambda *_: None)
+    groomed, places = groom_project(session.study.cohort, given, window.workspace.project, lambda *_: None)
     assert [len(item.mesh.parts) for item in groomed] == [2] * 4
     assert places.shape == (4, 4, 4)
     assert not errors

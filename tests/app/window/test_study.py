@@ -4,8 +4,8 @@ import pytest
 
 from homolog.cohort import Subject
 from homolog.errors import InputError
-from homolog_app.studies.files import suggested_folder
-from homolog_app.studies.study import Study, read_subjects, with_table
+from homolog_app.window.study import Study, read_subjects, with_table
+from homolog_app.window.study_files import suggested_folder
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def test_a_table_that_names_nobody_is_refused(study, tmp_path):
 
 def test_scans_that_are_gone_are_looked_for_beside_the_files_that_are(tmp_path):
     from homolog.cohort import Subject
-    from homolog_app.studies.study import Study
+    from homolog_app.window.study import Study
 
     for name in ("a.nrrd", "a_image.nrrd"):
         (tmp_path / name).touch()

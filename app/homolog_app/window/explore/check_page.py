@@ -12,7 +12,7 @@ from homolog.arrays import FloatArray
 from homolog_app.rendering.content import SubjectContents, ViewContents
 from homolog_app.scenes.check import checked_scene
 from homolog_app.scenes.states import CheckView
-from homolog_app.studies.structures import ALL
+from homolog_app.scenes.structures import ALL
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.check_display import CheckDisplay, NormalSphere
 from homolog_app.window.explore.check_state import InspectionState

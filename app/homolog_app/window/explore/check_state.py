@@ -9,8 +9,8 @@ import numpy as np
 from PySide6.QtCore import QObject, Signal, Slot
 
 from homolog.progress import Tick
-from homolog_app.studies.loaded_result import LoadedResult, Recorder, write_from_memory
-from homolog_app.studies.structures import ALL
+from homolog_app.scenes.loaded_result import LoadedResult, Recorder, write_from_memory
+from homolog_app.scenes.structures import ALL
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:

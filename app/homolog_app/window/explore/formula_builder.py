@@ -7,11 +7,11 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QGridLayout, QLineEdit, QPushButton, QWidget
 
 from homolog.cohort.column_types import CATEGORY, plain_name
+from homolog.comparison.choices import covariates_of, strata_of, subjects_of
 from homolog.comparison.sample import LOG_SIZE
 from homolog.errors import InputError
 from homolog.statistics.design import formula_text, parsed
 from homolog_app.rendering.text import shortened
-from homolog_app.studies.questions import covariates_of, strata_of, subjects_of
 from homolog_app.window.session import Session
 from homolog_app.window.widgets import (
     button,
@@ -71,18 +71,18 @@ class FormulaBuilder(QWidget):
 
     def offer(self) -> None:
         """Offer the columns of the cohort; terms whose columns are gone are dropped."""
-        study = self._session.study
+        cohort = self._session.study.cohort
         clear_grid(self._columns)
         self.chips = {}
-        usable = covariates_of(study, "")
+        usable = covariates_of(cohort, "")
         offered = {plain_name(name) if name.endswith(CATEGORY) else name: why for name, why in usable.items()}
         for name, problem in {**offered, LOG_SIZE: ""}.items():
             chip = having(
                 self._chip((name,), name), enabled=not problem, toolTip=problem or f"Effect of {name}"
             )
             _place(self._columns, chip)
-        offer(self.subject, {_ALONE: None} | {name: name for name in subjects_of(study)})
-        offer(self.strata, {_NO_STRATA: None} | {name: name for name in strata_of(study)})
+        offer(self.subject, {_ALONE: None} | {name: name for name in subjects_of(cohort)})
+        offer(self.strata, {_NO_STRATA: None} | {name: name for name in strata_of(cohort)})
         known = set(offered) | {LOG_SIZE}
         self._terms = [term for term in self._terms if set(term) <= known]
         self._show()

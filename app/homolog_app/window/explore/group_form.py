@@ -7,12 +7,7 @@ from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QLabel, QWidget
 
 from homolog.cohort.column_types import CATEGORY
-from homolog.comparison.precision import AnalysisSettings, Precision
-from homolog.comparison.question import Question
-from homolog.statistics.design import reference_first
-from homolog.statistics.procrustes import Alignment
-from homolog_app.studies.questions import (
-    SIZE,
+from homolog.comparison.choices import (
     covariates_of,
     has_missing,
     numbers_of,
@@ -20,6 +15,11 @@ from homolog_app.studies.questions import (
     size_name,
     values_of,
 )
+from homolog.comparison.precision import AnalysisSettings, Precision
+from homolog.comparison.question import Question
+from homolog.comparison.sample import SIZE
+from homolog.statistics.design import reference_first
+from homolog.statistics.procrustes import Alignment
 from homolog_app.window.explore.controls import ColumnPicker
 from homolog_app.window.explore.formula_builder import FormulaBuilder
 from homolog_app.window.form import SettingsPair
@@ -215,20 +215,20 @@ class GroupForm(QWidget):
 
     def offer(self) -> None:
         """Offer the columns of the cohort, keeping the choice if it still exists."""
-        study = self._session.study
-        self.complete.setVisible(self.complete.isChecked() or has_missing(study))
+        cohort = self._session.study.cohort
+        self.complete.setVisible(self.complete.isChecked() or has_missing(cohort))
         groups = {
             column: (column, _GROUPS)
-            for column in ("group", *study.columns)
-            if 1 < len(values_of(study, column)) <= _MOST_VALUES
+            for column in ("group", *cohort.columns)
+            if 1 < len(values_of(cohort, column)) <= _MOST_VALUES
         }
         problems = {
             f"{column}{_AS_NUMBER}": problem
-            for column, problem in numbers_of(study, complete=self.complete.isChecked()).items()
+            for column, problem in numbers_of(cohort, complete=self.complete.isChecked()).items()
         }
         slopes = {text: (text.removesuffix(_AS_NUMBER), _NUMBER) for text in problems}
         self.builder.offer()
-        offer(self.column, groups | slopes | ({_SEVERAL: ("", _FORMULA)} if study.columns else {}))
+        offer(self.column, groups | slopes | ({_SEVERAL: ("", _FORMULA)} if cohort.columns else {}))
         model = self.column.model()
         assert isinstance(model, QStandardItemModel), "a combo box filled item by item has this model"
         for at in range(self.column.count()):
@@ -248,7 +248,7 @@ class GroupForm(QWidget):
     def _offer_values(self) -> None:
         slope = self.is_regression or self.is_formula
         column = self.column.currentData()[0] if self.column.count() else ""
-        values = reference_first(values_of(self._session.study, column))
+        values = reference_first(values_of(self._session.study.cohort, column))
         for index, box in ((0, self.first), (min(1, len(values) - 1), self.second)):
             if [box.itemText(at) for at in range(box.count())] != values:
                 offer(box, dict.fromkeys(values))
@@ -259,14 +259,16 @@ class GroupForm(QWidget):
         self._offer_pairings()
         complete = self.complete.isChecked()
         self.adjust.offer(
-            covariates_of(self._session.study, column, complete=complete),
+            covariates_of(self._session.study.cohort, column, complete=complete),
             title=lambda name: name.removesuffix(CATEGORY) + " (as categories)" * name.endswith(CATEGORY),
             tip="Remove the effect of {} on shape before the test",
         )
 
     def _offer_pairings(self) -> None:
         slope = self.is_regression or self.is_formula or not self.column.count()
-        columns = [] if slope else pairings_of(self._session.study, self.column.currentData()[0], self._two)
+        columns = (
+            [] if slope else pairings_of(self._session.study.cohort, self.column.currentData()[0], self._two)
+        )
         offer(
             self.pairing, {"Subjects are not paired": None} | {f"Paired by {name}": name for name in columns}
         )
@@ -283,7 +285,7 @@ class GroupForm(QWidget):
         self.further.setVisible(len(others) > 1 and self.every.isChecked() and one_kind)
 
     def _covariates_text(self, names: list[str]) -> str:
-        own = size_name(self._session.study)
+        own = size_name(self._session.study.cohort)
         chosen = [f"{SIZE} of the shape" if name == own else name for name in names]
         text = f"Adjust for {', '.join(chosen)}" if chosen else "Adjust for covariates…"
         return text if len(text) < _LONG else f"Adjust for {len(chosen)} covariates"

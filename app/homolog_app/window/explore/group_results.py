@@ -7,12 +7,13 @@ import numpy as np
 from PySide6.QtCore import QMargins, QRect, Qt, QTimer, Signal
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QTreeWidget, QTreeWidgetItem, QWidget
 
+from homolog.comparison.findings import effect_text, share_of_surface
 from homolog.comparison.formula import FormulaAnswer
 from homolog.comparison.question import ALIGNED, Question
 from homolog.comparison.stored import StoredAnswer
 from homolog.statistics.cautions import LEVEL, p_number, p_text
+from homolog.statistics.data_notes import PARTNER_MISSING
 from homolog_app.rendering.text import short, signed, typeset
-from homolog_app.studies.questions import correction_text
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import GRID, having
@@ -23,11 +24,21 @@ if TYPE_CHECKING:
 
     from homolog.comparison.answer import Answer
     from homolog.statistics.anova import Allometry
+    from homolog.statistics.assumptions import Dispersion
     from homolog.statistics.comparison import Comparison
     from homolog.statistics.effects import Effect
-    from homolog_app.studies.answers import Answers, GroupAnswer
+    from homolog_app.scenes.group_answers import Answers, GroupAnswer
 
-__all__ = ["AnswerTable", "GroupPlot", "GroupResults", "SeedAnswers", "StoredAnswers", "correction_sentence"]
+__all__ = [
+    "AnswerTable",
+    "GroupPlot",
+    "GroupResults",
+    "SeedAnswers",
+    "StoredAnswers",
+    "correction_sentence",
+    "number_rows",
+    "question_text",
+]
 
 
 _HEADS = ("Effect", "D (90 % CI)", "p", "Area")
@@ -371,3 +382,129 @@ class GroupPlot(ScatterPlot):
         if self._answer is None or self._answer.values is None:
             return f"{self.title_of(index)}: {signed(x)} mm"
         return f"{name}: {self.labels[0]} {short(x)}, {signed(y)} mm along the effect"
+
+
+def correction_text(answer: "Answer") -> str:
+    """Return the correction of p-values for pairs of groups, or nothing."""
+    return f"corrected for {len(answer.pairwise)} pairs of groups (Holm)" if answer.pairwise else ""
+
+
+def question_text(request: Question) -> str:
+    """Return alignment, covariates and exclusions, for the line below the headline."""
+    how = ALIGNED[request.alignment]
+    parts = [f"{how[0].upper()}{how[1:]}"]
+    parts += [f"paired by {request.pairs}"] if request.pairs else []
+    parts += [f"adjusted for {', '.join(request.covariates)}"] if request.covariates else []
+    parts += [f"repeated within {request.subject}"] if request.subject else []
+    parts += [f"within {request.strata}"] if request.strata else []
+    parts += ["subjects with missing values excluded"] if request.complete_cases else []
+    return f"{', '.join(parts)}."
+
+
+def number_rows(answers: "list[GroupAnswer]") -> list[tuple[str, ...]]:
+    """Return the rows of the table: a name and a value for each answer."""
+    columns = [dict(_rows(answer)) for answer in answers]
+    names = list(dict.fromkeys(name for column in columns for name in column))
+    return [(name, *(column.get(name, "–") for column in columns)) for name in names]
+
+
+def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
+    pair, study = answer.pair, answer.study
+    slope = answer.values is not None
+    rows = [*_subject_rows(answer), *_test_rows(answer)]
+    if pair.dispersion is not None:
+        rows.append(("Dispersion", _dispersion_text(pair.dispersion)))
+    inside = int(np.count_nonzero(pair.p_fwe <= LEVEL))
+    share = f"{inside} of {len(pair.p_fwe)} particles, {share_of_surface(study, pair):.1f} % of the surface"
+    rows.append((f"Significant area (FWE-corrected p ≤ {LEVEL:g})", share))
+    likely = int(np.count_nonzero(pair.pointwise.q <= LEVEL))
+    rows.append(("At a false discovery rate of 5 %", f"{likely} particles"))
+    if slope:
+        most = float(np.linalg.norm(answer.difference.ways, axis=1).max())
+        rows.append(("Change", f"up to {short(most)} mm from {answer.first} to {answer.second}"))
+    if isinstance(study, FormulaAnswer):
+        row = study.coordinates[study.terms.index(pair) - len(study.terms) - 2]
+        rows.append(("Degrees of freedom, sum of squares", f"{row.dof}, {row.squares:.4g} mm²"))
+        rows.append(("R², F, Z", f"{row.r_squared:.3f}, {row.f or 0.0:.2f}, {row.z or 0.0:.2f}"))
+    if study.question.covariates:
+        rows.append(("Adjusted for", ", ".join(study.question.covariates)))
+    rows += [*_classification_rows(answer), *_size_rows(answer)]
+    return rows
+
+
+def _subject_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
+    study, slope = answer.study, answer.values is not None
+    counts = answer.pair.counts.items()
+    is_one = slope or study.question.kind == "formula"
+    rows = [("Subjects", ", ".join(f"{count}{'' if is_one else f' {name}'}" for name, count in counts))]
+    if study.left_out and study.question.complete_cases:
+        incomplete = sum(why.startswith("no value") for why in study.left_out.values())
+        alone = sum(why == PARTNER_MISSING for why in study.left_out.values())
+        partners = f", {alone} whose partner is missing" if alone else ""
+        rows.append(("Excluded", f"{incomplete} with missing values{partners} (complete cases)"))
+    return rows
+
+
+def _test_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
+    """Return the rows on the test of the whole shape."""
+    pair, test = answer.pair, answer.pair.test
+    rows = [("Modes retained (parallel analysis)", str(test.modes))]
+    if pair.distance is not None and test.modes:
+        name = "Mahalanobis D" if answer.values is None else "Change per unit"
+        rows.append((name, effect_text(pair.distance, " SD", ci="90 % CI ")))
+    if pair.explained is not None:
+        rows.append(("Explained variance ω²", effect_text(pair.explained, ci="90 % CI ")))
+    if not test.modes:
+        return rows
+    how = f"All {test.permutations + 1} permutations" if test.exact else f"{test.permutations} permutations"
+    rows.append((how, p_text(test.p_permutation, test.permutations)))
+    if correction := correction_text(answer.study):
+        rows.append(("Corrected", f"{p_text(pair.p_adjusted, test.permutations)}, {correction}"))
+    if test.t_squared is not None:
+        rows += [
+            ("Hotelling's T²", f"{test.t_squared:.1f}"),
+            (f"F({test.dof[0]:g}, {test.dof[1]:.4g})", f"{test.f:.2f}, {p_text(test.p)}"),
+        ]
+    return rows
+
+
+def _classification_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
+    pair, discriminant = answer.pair, answer.pair.discriminant
+    if discriminant is None:
+        return []
+    right = ", ".join(
+        f"{round(own, 1):g} of {count} {name}"
+        for own, (name, count) in zip(discriminant.right, pair.counts.items(), strict=True)
+    )
+    known = ((p, discriminant.auc.permutations) for p in (pair.accuracy_p_adjusted, pair.auc_p_adjusted))
+    accuracy, auc = ("" if p is None else f", {p_text(p, count)}" for p, count in known)
+    return [
+        (
+            "Balanced accuracy",
+            f"{effect_text(discriminant.accuracy, ' %', ci='95 % CI ', step=100.0)}{accuracy}",
+        ),
+        ("Classified correctly", right),
+        ("AUC", f"{effect_text(discriminant.auc, ci='95 % CI ')}{auc}"),
+    ]
+
+
+def _size_rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
+    pair, rows = answer.pair, list[tuple[str, str]]()
+    overall, between = answer.study.overall.size, answer.study.overall.size_variance
+    if overall is not None and overall.p is not None and between is not None:
+        p, share = p_text(overall.p, overall.permutations), between.omega_squared
+        f = f"F({between.dof[0]:g}, {between.dof[1]:.3g}) = {between.f:.2f}"
+        rows.append(("Size of all groups", f"{f}, ω² = {effect_text(share, ci='90 % CI ')}, {p}"))
+    if pair.size is not None and pair.size_p_adjusted is not None:
+        unit = f" mm per unit of {pair.title}" if answer.values is not None else " mm"
+        p = p_text(pair.size_p_adjusted, pair.size.permutations)
+        rows.append(("Size", f"{effect_text(pair.size, unit, ci='95 % CI ', sign=True)}, {p}"))
+    return rows
+
+
+def _dispersion_text(dispersion: "Dispersion") -> str:
+    """Return the dispersion of groups, or its change along a variable, with interval and p."""
+    groups = ", ".join(f"{name} {value:.2g} mm" for name, value in dispersion.by_group.items())
+    ratio = "" if dispersion.effect is None else effect_text(dispersion.effect, ci="95 % CI ")
+    second = f"{'ratio' if groups else 'mm per unit'} {ratio}" if ratio else ""
+    return ", ".join(filter(None, (groups, second, p_text(dispersion.p, dispersion.permutations))))

@@ -8,24 +8,30 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox
 
 from homolog.arrays import Array
+from homolog.io.results import Result
+from homolog.progress import Tick
 from homolog_app.rendering.content import SubjectContents, ViewContents
 from homolog_app.rendering.text import shortened, typeset
-from homolog_app.scenes.shapes import PALE_LABELS, group_scene
-from homolog_app.scenes.states import GroupsView
-from homolog_app.studies.answers import (
+from homolog_app.scenes.group_answers import (
     Answers,
     answer_question,
     map_answers,
     question_of,
-    repeat_by_seed,
-    save_answers,
 )
-from homolog_app.studies.model_shape import largest_region, middle_of
-from homolog_app.studies.questions import number_rows, question_text
+from homolog_app.scenes.model_shape import largest_region, middle_of
+from homolog_app.scenes.shapes import PALE_LABELS, group_scene
+from homolog_app.scenes.states import GroupsView
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import NumbersTable, Player
 from homolog_app.window.explore.group_form import GroupForm
-from homolog_app.window.explore.group_results import GroupPlot, GroupResults, SeedAnswers, correction_sentence
+from homolog_app.window.explore.group_results import (
+    GroupPlot,
+    GroupResults,
+    SeedAnswers,
+    correction_sentence,
+    number_rows,
+    question_text,
+)
 from homolog_app.window.explore.page import CompareBox, ExplorePage, ModelCache
 from homolog_app.window.explore.verdict_bar import may_use
 from homolog_app.window.session import PAGE_OF_JOB
@@ -54,7 +60,7 @@ from homolog_app.window.widgets import (
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
-    from homolog_app.studies.answers import GroupAnswer, GroupMap
+    from homolog_app.scenes.group_answers import GroupAnswer, GroupMap
 
 __all__ = ["GroupsPage"]
 
@@ -147,7 +153,7 @@ class GroupsPage(ExplorePage):
         if not models or not self.form.is_possible or not may_use(self.window(), self.workspace.session):
             return
         requests = self.form.requests
-        answer = partial(answer_question, models, self.workspace.session.study, requests)
+        answer = partial(answer_question, models, self.workspace.session.study.whole, requests)
         text = " and ".join(requests[0].between) or f"shapes by {requests[0].formula or requests[0].column}"
         self.workspace.work.compute("groups", answer, f"comparing {text}", self._receive)
 
@@ -162,30 +168,50 @@ class GroupsPage(ExplorePage):
         if not self.form.is_possible:
             return False
         result = self.answers[0].shape.result
-        return question_of(self.form.requests, result, self.workspace.session.study) == self.all.question
+        return (
+            question_of(self.form.requests, result, self.workspace.session.study.whole) == self.all.question
+        )
 
     def store(self) -> None:
         """Write the answer's tables into the project, as ``homolog analyze`` does, for the report."""
         answers = self.all
         if answers is None or not self._current:
             return
-        project, cohort = self.workspace.shown_project, self.workspace.session.study
+        project, result = self.workspace.shown_project, self._tested(answers)
+
+        def store(tick: Tick) -> None:
+            from homolog.comparison.tables import store
+
+            tick(0.0, "storing the answer")
+            for answer in answers.own:
+                store(project, answer, result)
+
         self.workspace.work.compute(
             "study",
-            lambda tick: save_answers(project, answers, cohort, tick),
+            store,
             "storing the answer",
             lambda _: say(self.kept, SeedAnswers.STORED),
         )
+
+    def _tested(self, answers: Answers) -> Result:
+        """Return the result that was asked about, with the current table."""
+        return answers.models[0].result.with_table_of(self.workspace.session.study.whole.subjects)
 
     def repeat(self) -> None:
         """Answer the question with other seeds of the correspondence, as ``--seeds`` does, and store all."""
         answers = self.all
         if answers is None or not self._current:
             return
-        project, cohort, seeds = self.workspace.shown_project, self.workspace.session.study, self.form.seeds
+        project, result, seeds = self.workspace.shown_project, self._tested(answers), self.form.seeds
+
+        def repeat(tick: Tick) -> list[str]:
+            from homolog.comparison.project import repeat_answers
+
+            return repeat_answers(project, result, answers.own, seeds, tick)
+
         self.workspace.work.compute(
             "seeds",
-            lambda tick: repeat_by_seed(project, answers, cohort, seeds, tick),
+            repeat,
             f"answers of {seeds} seeds",
             lambda sentences: self.by_seed.show_sentences(sentences, self.reveal),
         )
@@ -232,7 +258,7 @@ class GroupsPage(ExplorePage):
 
     def choose_pair(self, request: int, pair: int) -> None:
         """Show another comparison: its numbers, and its map once it is computed."""
-        answers, models, cohort = self.all, self.fitted.both, self.workspace.session.study
+        answers, models, cohort = self.all, self.fitted.both, self.workspace.session.study.whole
         if answers is None or (request, pair) == self._mapped or self.workspace.session.job.is_busy:
             return
 

@@ -42,7 +42,6 @@ from homolog_app.scenes.shapes import (
 )
 from homolog_app.scenes.states import REACH, MeasureView
 from homolog_app.scenes.subjects import single_subject
-from homolog_app.studies.study import with_current_table
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import SORTED_BY, STEPS, SubjectTable
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
@@ -77,7 +76,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from homolog_app.exports.tables import Measures
-    from homolog_app.studies.model_shape import ModelShape
+    from homolog_app.scenes.model_shape import ModelShape
     from homolog_app.window.scene import Pick
 
 __all__ = [
@@ -557,7 +556,7 @@ class MeasurePage(ExplorePage):
 
         result = self.workspace.session.part
         if result is not None and self._subjects is not None:
-            present = with_current_table(result.result, self.workspace.session.study)
+            present = result.result.with_table_of(self.workspace.session.study.whole.subjects)
             write_measures(path, present, self._subjects, *self.pair)
 
     def write_distances(self, path: Path) -> str:
@@ -585,7 +584,7 @@ class MeasurePage(ExplorePage):
     def _groups(self) -> Sequence[str | None]:
         """The current group of each subject of the model."""
         assert self.fitted.shape is not None
-        return with_current_table(self.fitted.shape.result, self.workspace.session.study).groups
+        return self.fitted.shape.result.with_table_of(self.workspace.session.study.whole.subjects).groups
 
     @property
     def pair(self) -> tuple[int, int]:
@@ -680,7 +679,7 @@ class MeasurePage(ExplorePage):
             return
         from homolog_app.exports.tables import distances
 
-        result = with_current_table(loaded.result, self.workspace.session.study)
+        result = loaded.result.with_table_of(self.workspace.session.study.whole.subjects)
         columns = self._subjects.columns(distances(result.local, *self.pair))
         groups = [group or "" for group in result.groups]
         several = self._subjects.structures

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.backend_bases import LocationEvent, MouseEvent
     from matplotlib.figure import Figure
 
-    from homolog_app.studies.model_shape import ModelShape
+    from homolog_app.scenes.model_shape import ModelShape
     from homolog_app.window.explore.plot_canvas import PlotCanvas
 
 __all__ = ["ELLIPSES", "ModePlots", "ScatterPlot", "ScreePlot", "axis_menu"]

@@ -21,7 +21,7 @@ from homolog_app.rendering.content import SubjectContents, ViewContents
 from homolog_app.rendering.text import short
 from homolog_app.scenes.shapes import mode_scene
 from homolog_app.scenes.states import REACH, ModesView
-from homolog_app.studies.structures import POSES, SHAPES
+from homolog_app.scenes.structures import POSES, SHAPES
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import STEPS, Player
 from homolog_app.window.explore.mode_plots import ModePlots
@@ -46,7 +46,7 @@ from homolog_app.window.widgets import (
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
-    from homolog_app.studies.model_shape import ModelShape
+    from homolog_app.scenes.model_shape import ModelShape
 
 __all__ = ["ModeSliders", "ModesPage"]
 

@@ -13,9 +13,9 @@ from homolog.errors import InputError
 from homolog.io.project import ProjectFolder
 from homolog.progress import Tick
 from homolog_app.rendering.content import SubjectContents, ViewContents
+from homolog_app.scenes.loaded_result import LoadedResult
+from homolog_app.scenes.model_shape import ModelShape, PreliminaryModel, fit_model_shape
 from homolog_app.scenes.states import View
-from homolog_app.studies.loaded_result import LoadedResult
-from homolog_app.studies.model_shape import ModelShape, PreliminaryModel, fit_model_shape
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.group_results import StoredAnswers
 from homolog_app.window.widgets import (
@@ -119,7 +119,7 @@ class ModelCache(QObject):
             raise InputError(f"{folder}: is not a project; choose the folder of a project with a result")
 
         def read(tick: Tick) -> "ModelShape":
-            from homolog_app.studies.model_shape import facing, read_model_shape
+            from homolog_app.scenes.model_shape import facing, read_model_shape
 
             other = read_model_shape(folder.name, project, tick)
             return other if shape is None else facing(other, shape)

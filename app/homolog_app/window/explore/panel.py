@@ -14,9 +14,8 @@ from homolog.comparison.question import Question
 from homolog.comparison.stored import stored_answers
 from homolog.errors import InputError
 from homolog.progress import Tick
-from homolog_app.studies.loaded_result import LoadedResult
-from homolog_app.studies.structures import POSES, SHAPES, aspects_of
-from homolog_app.studies.study import FILES, outdated_text
+from homolog_app.scenes.loaded_result import LoadedResult
+from homolog_app.scenes.structures import POSES, SHAPES, aspects_of
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.check_page import CheckPage
 from homolog_app.window.explore.groups_page import GroupsPage
@@ -28,6 +27,7 @@ from homolog_app.window.explore.plan_dialog import PlanDialog
 from homolog_app.window.explore.plot import plots_of
 from homolog_app.window.explore.printing import drawn_report, print_pages
 from homolog_app.window.explore.verdict_bar import VerdictBar
+from homolog_app.window.study import FILES, outdated_text
 from homolog_app.window.widgets import (
     GRID,
     button,

@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
 
 from homolog.arrays import FloatArray
 from homolog.cohort import LEFT, RIGHT, SIDE_COLUMN
+from homolog.comparison.choices import covariates_of, size_name
 from homolog.errors import InputError
 from homolog.progress import Tick
 from homolog.statistics.design import names_reference, reference_first
@@ -46,8 +47,6 @@ from homolog_app.scenes.patient import (
     patient_scene,
     patient_slices,
 )
-from homolog_app.studies.questions import covariates_of, size_name
-from homolog_app.studies.study import with_current_table
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.controls import ColumnPicker, SubjectTable
 from homolog_app.window.explore.page import ExplorePage, ModelCache
@@ -461,7 +460,7 @@ class PatientPage(ExplorePage):
         group = None if self.group.currentIndex() <= 0 else self.group.currentText()
         columns, person, time = self.adjust.chosen, self.person.currentData(), self.time.currentData()
         loaded, study = self.workspace.session.part, self.workspace.session.study
-        result = None if loaded is None else with_current_table(loaded.result, study)
+        result = None if loaded is None else loaded.result.with_table_of(study.whole.subjects)
 
         def make(tick: Tick) -> "Reference":
             from homolog.patient import make_reference
@@ -591,8 +590,8 @@ class PatientPage(ExplorePage):
         self._default = default
         offer(self.group, dict.fromkeys((_EVERYONE, *groups)))
         self.group.setCurrentText(chosen if self.group.findText(chosen) >= 0 else default)
-        size = size_name(study)
-        usable = covariates_of(study, "group").items()
+        size = size_name(study.cohort)
+        usable = covariates_of(study.cohort, "group").items()
         self.adjust.offer({name: why for name, why in usable if name in study.columns and name != size})
         for box in (self.person, self.time):
             offer(box, {"None": ""} | {name: name for name in study.columns})

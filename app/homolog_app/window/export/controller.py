@@ -11,14 +11,13 @@ from PySide6.QtWidgets import QWidget
 
 from homolog.errors import InputError
 from homolog.io.names import file_stems
-from homolog_app.studies.files import ViewRecord, save_project
-from homolog_app.studies.structures import POSES, SHAPES
-from homolog_app.studies.study import with_current_table
+from homolog_app.scenes.structures import POSES, SHAPES
 from homolog_app.window.dialogs import ask
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.panel import ExplorePanel
 from homolog_app.window.explore.verdict_bar import may_use
 from homolog_app.window.export.choosers import KINDS
+from homolog_app.window.study_files import ViewRecord, save_project
 from homolog_app.window.workspace import Controller, Workspace, reported
 
 if TYPE_CHECKING:
@@ -162,7 +161,7 @@ class ExportController(Controller):
         session = self._workspace.session
         if session.part is None:
             return {}
-        result = with_current_table(session.part.result, session.study)
+        result = session.part.result.with_table_of(session.study.whole.subjects)
         names = dict.fromkeys(name for column in result.columns for name in column)
         return {name: column_of(result, name) for name in ("group", *names)}
 

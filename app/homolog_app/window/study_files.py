@@ -18,7 +18,7 @@ from homolog.io.project_table import update_table
 from homolog.io.records import ProjectRecord, SubjectRecord
 from homolog.settings import RunSettings
 from homolog_app.rendering.camera import CameraState, Canvas, Layer
-from homolog_app.studies.study import Member, Study
+from homolog_app.window.study import Member, Study
 
 __all__ = [
     "KEPT",

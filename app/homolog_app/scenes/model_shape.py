@@ -1,10 +1,7 @@
 """The shape model of a result as a surface that moves, and preliminary ones of a run in progress."""
 
-import logging
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
@@ -13,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import Array, BoolArray, Float32Array, FloatArray, IntArray, frozen
-from homolog.errors import Cancelled, InputError, NumericalError
+from homolog.errors import InputError
 from homolog.geometry import scale_of
 from homolog.io.project import ProjectFolder
 from homolog.io.results import Result, read_result
@@ -26,13 +23,8 @@ from homolog.statistics.thin_plate import farthest_points
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.colours import common_limit
 
-if TYPE_CHECKING:
-    from homolog.correspondence import Frame
-    from homolog.run import Run
-
 __all__ = [
     "ModelShape",
-    "PreliminaryFits",
     "PreliminaryModel",
     "RigidModes",
     "facing",
@@ -345,9 +337,6 @@ def middle_of(vertices: Array, region: BoolArray) -> int:
     return int(chosen[np.linalg.norm(away, axis=1).argmin()])
 
 
-_log = logging.getLogger(__name__)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PreliminaryModel:
     """A shape model of a run that has not finished.
@@ -369,65 +358,3 @@ class PreliminaryModel:
     def description(self) -> str:
         """The progress of the run."""
         return f"preliminary: {self.particles} of {self.wanted} particles, iteration {self.iteration}"
-
-
-class PreliminaryFits:
-    """Fits a model at each completed stage of a run, in a parallel thread.
-
-    Parameters
-    ----------
-    run : Run
-    name : str
-        Name of the project, for captions.
-    method : Method
-    wanted : int
-        Final number of particles of the run.
-
-    Attributes
-    ----------
-    newest : PreliminaryModel or None
-        The newest model; any thread may read it.
-    """
-
-    def __init__(self, run: "Run", name: str, method: Method, wanted: int) -> None:
-        self._run, self._name, self._method, self._wanted = run, name, method, wanted
-        self.newest: PreliminaryModel | None = None
-        self._seen: Frame | None = None
-        self._thread: threading.Thread | None = None
-        self._closed = threading.Event()
-
-    def look(self) -> None:
-        """Start a fit if the run has completed a stage and none is in progress."""
-        frame = self._run.preliminary
-        if frame is None or frame is self._seen or (self._thread is not None and self._thread.is_alive()):
-            return
-        self._seen = frame
-        self._thread = threading.Thread(
-            target=self._fit, args=[frame], name="homolog-preliminary", daemon=True
-        )
-        self._thread.start()
-
-    def close(self) -> None:
-        """Stop the fit in progress; `newest` remains."""
-        self._closed.set()
-        if self._thread is not None:
-            self._thread.join()
-
-    def _fit(self, frame: "Frame") -> None:
-
-        try:
-            result = self._run.preliminary_result(frame, self._tick)
-            shape = fit_model_shape(self._name, self._method, result, self._tick)
-        except Cancelled:
-            return
-        except NumericalError as error:
-            _log.warning("no preliminary model at iteration %d: %s", frame.iteration, error)
-            return
-        if self.newest is not None:
-            shape = facing(shape, self.newest.shape)
-        self.newest = PreliminaryModel(shape, frame.world.shape[1], self._wanted, frame.iteration)
-        _log.info("preliminary model of %d particles", frame.world.shape[1])
-
-    def _tick(self, fraction: float, message: str) -> None:
-        if self._closed.is_set():
-            raise Cancelled("the run has ended")

@@ -5,8 +5,8 @@ import shutil
 from homolog.cohort import read_cohort
 from homolog.io.project import ProjectFolder
 from homolog.progress import no_tick
+from homolog.run.project_grooming import groom_again, groom_project
 from homolog.settings import GroomSettings, RunSettings
-from homolog_app.studies.jobs import groom, groom_again
 
 
 def test_a_subject_that_is_groomed_again_keeps_the_note_that_it_was_mirrored(ellipsoids, tmp_path):
@@ -16,7 +16,7 @@ def test_a_subject_that_is_groomed_again_keeps_the_note_that_it_was_mirrored(ell
         shutil.copy(path, scans / f"{path.stem}_{side}.nrrd")
     cohort, project = read_cohort(scans, "{subject}_{side}.nrrd"), ProjectFolder(tmp_path / "project")
     settings = RunSettings(groom=GroomSettings(mesh_edge=2.0), workers=1)
-    groomed, _ = groom(cohort, settings, project, no_tick)
+    groomed, _ = groom_project(cohort, settings, project, no_tick)
     first = groomed[0]
     assert any("mirrored" in note for note in first.report.notes)
     others = {item.name: item for item in groomed}

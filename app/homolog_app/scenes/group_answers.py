@@ -2,18 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
 from homolog.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from homolog.cohort import Cohort
 from homolog.comparison.answer import Answer, members_of_pairs
 from homolog.comparison.ask import ask
 from homolog.comparison.formula import FormulaAnswer
 from homolog.comparison.question import Question
 from homolog.comparison.sample import Sample, category_of
 from homolog.errors import InputError
-from homolog.io.project import ProjectFolder
 from homolog.io.results import Result
 from homolog.progress import Tick, part_of
 from homolog.statistics.cautions import LEVEL
@@ -22,8 +21,7 @@ from homolog.statistics.procrustes import aligned
 from homolog.surfaces.nearest import nearest_particles
 from homolog_app.rendering.colours import common_limit
 from homolog_app.rendering.text import short
-from homolog_app.studies.model_shape import ModelShape
-from homolog_app.studies.study import Study, with_current_table
+from homolog_app.scenes.model_shape import ModelShape
 
 __all__ = [
     "Answers",
@@ -35,8 +33,6 @@ __all__ = [
     "carried_answer",
     "map_answers",
     "question_of",
-    "repeat_by_seed",
-    "save_answers",
 ]
 
 
@@ -330,9 +326,9 @@ class Answers:
         return tuple(row[0] for row in self.studies)
 
 
-def question_of(requests: Sequence[Question], result: Result, cohort: Study) -> Asked:
+def question_of(requests: Sequence[Question], result: Result, cohort: Cohort) -> Asked:
     """Return a question with the table's current values, so that later changes can be detected."""
-    present = with_current_table(result, cohort)
+    present = result.with_table_of(cohort.subjects)
     known = dict.fromkeys(name for columns in present.columns for name in columns)
     used = [request.column for request in requests]
     used += [category_of(name, known)[0] for request in requests for name in request.named_columns]
@@ -348,7 +344,7 @@ def question_of(requests: Sequence[Question], result: Result, cohort: Study) -> 
 
 
 def answer_question(
-    models: "Sequence[ModelShape]", cohort: Study, requests: Sequence[Question], tick: Tick
+    models: "Sequence[ModelShape]", cohort: Cohort, requests: Sequence[Question], tick: Tick
 ) -> "tuple[Answers, list[GroupAnswer]]":
     """Answer all requests in each model, and map the first two groups' difference to the surface.
 
@@ -363,14 +359,14 @@ def answer_question(
         for number, model in enumerate(models):
             done = index * len(models) + number
             part = part_of(tick, 0.9 * done / count, 0.9 * (done + 1) / count)
-            studies.append(ask(Sample.of(with_current_table(model.result, cohort)), request, part))
+            studies.append(ask(Sample.of(model.result.with_table_of(cohort.subjects)), request, part))
     rows = tuple(tuple(studies[at : at + len(models)]) for at in range(0, count, len(models)))
     answers = Answers(question_of(requests, models[0].result, cohort), tuple(models), rows)
     return answers, map_answers(answers, models, cohort, (0, 0), part_of(tick, 0.9, 1.0))
 
 
 def map_answers(
-    answers: Answers, models: "Sequence[ModelShape]", cohort: Study, which: tuple[int, int], tick: Tick
+    answers: Answers, models: "Sequence[ModelShape]", cohort: Cohort, which: tuple[int, int], tick: Tick
 ) -> "list[GroupAnswer]":
     """Map a difference or slope to the surfaces of the displayed models.
 
@@ -379,43 +375,15 @@ def map_answers(
     answers : Answers
     models : sequence of ModelShape
         The displayed models.
-    cohort : Answer
-        Study with the current table.
+    cohort : Cohort
+        All subjects with the current table.
     which : (int, int)
         Indices of request and pair of groups.
     tick : Tick
         Progress and cancellation.
     """
     return [
-        carried_answer(model, with_current_table(model.result, cohort), study, which[1], tick)
+        carried_answer(model, model.result.with_table_of(cohort.subjects), study, which[1], tick)
         for model, study in zip(answers.models, answers.studies[which[0]], strict=True)
         if model in models
     ]
-
-
-def save_answers(project: ProjectFolder, answers: Answers, cohort: Study, tick: Tick) -> list[Path]:
-    """Write the tables of all answers into the project, as ``homolog analyze`` does; return their folders."""
-    from homolog.comparison.tables import store
-
-    tick(0.0, "storing the answer")
-    result = with_current_table(answers.models[0].result, cohort)
-    return [store(project, study, result) for study in answers.own]
-
-
-def repeat_by_seed(
-    project: ProjectFolder, answers: Answers, cohort: Study, seeds: int, tick: Tick
-) -> list[str]:
-    """Answer also with other seeds of the correspondence, as ``--seeds`` does; store the answers."""
-    from homolog.comparison.seeds import answer_by_seed, spread_text, write_spread
-    from homolog.comparison.tables import store
-
-    result = with_current_table(answers.models[0].result, cohort)
-    requests = answers.question.requests
-    spreads = answer_by_seed(project, result, requests, seeds, tick)
-    sentences = []
-    for study, spread in zip(answers.own, spreads, strict=True):
-        write_spread(store(project, study, result), spread)
-        sentences += [
-            f"{study.question.title}: " * (len(requests) > 1) + sentence for sentence in spread_text(spread)
-        ]
-    return sentences

@@ -14,7 +14,6 @@ from homolog.cohort import (
     Cohort,
     Subject,
     TableChanges,
-    column_of,
     proposals,
     read_cohort,
     subject_at,
@@ -23,10 +22,9 @@ from homolog.cohort import (
     tables_of_files,
 )
 from homolog.errors import InputError
-from homolog.io.constraints import COLUMN
+from homolog.io.constraints import COLUMN, own_text
 from homolog.io.records import ResultRecord
-from homolog.io.results import Result
-from homolog.settings import OWN, RunSettings
+from homolog.settings import RunSettings
 
 __all__ = [
     "FILES",
@@ -36,10 +34,8 @@ __all__ = [
     "Study",
     "extension_of",
     "outdated_text",
-    "own_text",
     "read_subjects",
     "readings_of",
-    "with_current_table",
     "with_cuts",
     "with_table",
 ]
@@ -93,7 +89,7 @@ class Study:
     @property
     def columns(self) -> list[str]:
         """Names of the further columns, in the order in which they first occur."""
-        return list(dict.fromkeys(name for member in self.members for name in member.subject.columns))
+        return self.whole.columns
 
     def with_members(self, changed: Mapping[str, Member]) -> "Study":
         """Return the study with some members replaced, by name."""
@@ -302,12 +298,6 @@ def extension_of(study: Study, result: ResultRecord) -> Extension:
     )
 
 
-def own_text(columns: Mapping[str, str]) -> str:
-    """Return how a subject is to be groomed in its own way, and in a second line what is cut away of it."""
-    cut = column_of(columns, COLUMN)
-    return column_of(columns, OWN) + (f"\n{cut}" if cut else "")
-
-
 def with_cuts(study: Study, cuts: Mapping[str, str]) -> Study:
     """Return a study with other cuts of some subjects, by name; an empty text leaves a subject whole."""
     changed = {}
@@ -360,14 +350,3 @@ def _are(names: list[str]) -> str:
 
 def _them(names: list[str]) -> str:
     return "it" if len(names) == 1 else "them"
-
-
-def with_current_table(result: Result, study: Study) -> Result:
-    """Return a result with the current groups and columns of the study's table."""
-    present = {member.name: member.subject for member in study.members}
-    groups, columns = [], []
-    for name, group, values in zip(result.names, result.groups, result.columns, strict=True):
-        known = present.get(name)
-        groups.append(known.group if known is not None else group)
-        columns.append(known.columns if known is not None else values)
-    return replace(result, groups=tuple(groups), columns=tuple(columns))
