@@ -1,7 +1,7 @@
 """Which bumps and thinned walls homolog patient finds on real shapes, by size and number of controls.
 
     python tests/benchmarks/patient_lesions.py PROJECT [--group VALUE] [--controls 10 20 33] [--draws 5]
-        [--lesions 1]
+        [--lesions 1] [--jobs 1]
 
 Each subject of PROJECT is fitted to the model of all others, as it is and with one lesion at a time: a
 Gaussian bump on a random place of the outer side (height, full width at half maximum), or a wall that is
@@ -12,7 +12,9 @@ half its width (at least 4 mm) of its centre. Prints a table in Markdown.
 
 import argparse
 import sys
-from dataclasses import dataclass
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -68,27 +70,36 @@ def with_lesion(
     return TriangleMesh(vertices, mesh.faces), vertices[centre]
 
 
-def fitted(controls: Controls, lesions: int, random: np.random.Generator) -> tuple[np.ndarray, list[Tried]]:
+def fitted_one(
+    controls: Controls, columns: np.ndarray, modes: int, index: int, lesions: int, seed: int
+) -> tuple[np.ndarray, list[Tried]]:
+    """Return the maps of a subject (2, V) by the model of all others, and those of its lesions."""
+    random, none = np.random.default_rng([seed, index]), np.zeros(0)
+    others, mesh = np.arange(len(controls.names)) != index, controls.meshes[index]
+    model = SurfaceModel.fit(controls.points[others], columns[others], modes, controls.surface.faces)
+    fit = fit_surface(model, mesh, simplified(mesh, COARSE_VERTICES), none)
+    tried = []
+    for kind, size, width in LESIONS * lesions:
+        changed, centre = with_lesion(mesh, kind, size, width, random)
+        own = fit_surface(model, changed, simplified(changed, COARSE_VERTICES), none, pose=fit.pose)
+        normals = model.surface(own.expected).vertex_normals
+        places = own.expected[: model.vertices] + own.residual[:, None] * normals
+        gaps = np.linalg.norm(transform_points(inverse_matrices(own.pose), places) - centre, axis=1)
+        maps = local_maps(model, own, changed)
+        tried.append(Tried(index, (kind, size, width), maps, gaps < max(0.5 * width, 4.0)))
+    print(f"{controls.names[index]} of {len(controls.names)}", file=sys.stderr, flush=True)
+    return local_maps(model, fit, mesh), tried
+
+
+def fitted(controls: Controls, lesions: int, seed: int, jobs: int) -> tuple[np.ndarray, list[Tried]]:
     """Return the maps of all subjects (2, M, V), each left out, and those of their lesions."""
-    count, none = len(controls.names), np.zeros(0)
-    columns = np.zeros((count, 0))
+    columns = np.zeros((len(controls.names), 0))
     modes = _modes(controls, columns, no_tick)[1]
-    healthy, tried = [], []
-    for index, mesh in enumerate(controls.meshes):
-        others = np.arange(count) != index
-        model = SurfaceModel.fit(controls.points[others], columns[others], modes, controls.surface.faces)
-        fit = fit_surface(model, mesh, simplified(mesh, COARSE_VERTICES), none)
-        healthy.append(local_maps(model, fit, mesh))
-        for kind, size, width in LESIONS * lesions:
-            changed, centre = with_lesion(mesh, kind, size, width, random)
-            own = fit_surface(model, changed, simplified(changed, COARSE_VERTICES), none, pose=fit.pose)
-            normals = model.surface(own.expected).vertex_normals
-            places = own.expected[: model.vertices] + own.residual[:, None] * normals
-            gaps = np.linalg.norm(transform_points(inverse_matrices(own.pose), places) - centre, axis=1)
-            maps = local_maps(model, own, changed)
-            tried.append(Tried(index, (kind, size, width), maps, gaps < max(0.5 * width, 4.0)))
-        print(f"{index + 1} of {count}", file=sys.stderr, flush=True)
-    return np.stack(healthy, axis=1), tried
+    own = replace(controls, jointly=None, later={})
+    tasks = [(own, columns, modes, index, lesions, seed) for index in range(len(controls.names))]
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        healthy, tried = zip(*pool.map(fitted_one, *zip(*tasks, strict=True)), strict=True)
+    return np.stack(healthy, axis=1), [item for items in tried for item in items]
 
 
 def report(
@@ -131,12 +142,13 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=5)
     parser.add_argument("--lesions", type=int, default=1, help="of each kind, in each subject")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
     arguments = parser.parse_args()
     project = ProjectFolder(arguments.project)
     result = read_result(project)
     chosen = [i for i, group in enumerate(result.groups) if arguments.group in (None, group)]
     controls = read_controls(project, result, chosen)
-    healthy, tried = fitted(controls, arguments.lesions, np.random.default_rng(arguments.seed))
+    healthy, tried = fitted(controls, arguments.lesions, arguments.seed, arguments.jobs)
     numbers = [number for number in arguments.controls if number < len(chosen)] or [len(chosen) - 1]
     table = [report(healthy, tried, controls.surface.faces, number, arguments.draws) for number in numbers]
     heads = [f"found with {number} controls (%)" for number in numbers]

@@ -17,7 +17,7 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.statistics.anova import unequal_slopes
 from homolog.statistics.comparison import Comparison, prepare_shapes
 from homolog.statistics.covariates import with_covariate_effects, with_unadjusted
-from homolog.statistics.data_notes import PARTNER_MISSING, exclusion_notes, repeated_notes, spelling_notes
+from homolog.statistics.data_notes import PARTNER_MISSING, exclusion_notes, spelling_notes
 from homolog.statistics.design import (
     Design,
     covariate_columns,
@@ -47,9 +47,6 @@ __all__ = [
 
 TextTable = tuple[str, Mapping[str, str], Sequence[Sequence[str | float | int | None]]]
 """A table: file name, meanings of the columns, rows."""
-
-_PERSON = "subject"
-"""Column of the person, for several scans or sides of one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,6 +151,7 @@ def ask_groups(sample: Sample, question: Question, tick: Tick = no_tick) -> Answ
     labels = sample.texts(question.column)
     left_out = _left_out(sample, question, labels)
     taken = ["" if name in left_out else label for name, label in zip(sample.names, labels, strict=True)]
+    _refuse_repeated(sample, question, taken)
     shapes, options = sample.compared(question.alignment), question.options
     main, later = part_of(tick, 0.0, 0.6 if question.covariates else 1.0), part_of(tick, 0.6, 1.0)
     pairwise: tuple[Comparison, ...] = ()
@@ -195,12 +193,6 @@ def ask_groups(sample: Sample, question: Question, tick: Tick = no_tick) -> Answ
     notes = [*_notes(sample, question), *exclusion_notes(left_out)]
     if question.kind == "groups" and question.covariates:
         notes += _slope_notes(sample, question, overall, shapes)
-    if question.kind != "pairs":
-        persons = sample.texts(_PERSON) if _PERSON in sample.columns else list(sample.names)
-        compared = {sample.names[index]: persons[index] for index in overall.subjects.tolist()}
-        notes += repeated_notes({name: person or name for name, person in compared.items()}) or _repeated(
-            sample, question, overall.subjects
-        )
     others = _others(sample, question, overall, labels, left_out)
     return Answer(
         question,
@@ -234,19 +226,20 @@ def steps_of(variables: Mapping[str, FloatArray]) -> dict[str, float]:
     return {name: float(10.0 ** round(np.log10(spread))) for name, spread in spreads.items() if spread > 0.0}
 
 
-def _repeated(sample: Sample, question: Question, members: IntArray) -> list[str]:
-    """Return a caution if a column that is not used names subjects of several rows."""
-    table = {name: [sample.texts(name)[index] for index in members.tolist()] for name in sample.columns}
-    used = {question.column, *(category_of(name, sample.columns)[0] for name in question.covariates)}
-    try:
-        refuse_repeated(
-            [sample.names[index] for index in members.tolist()],
-            {name: own for name, own in table.items() if name not in used},
-            {name: own for name, own in table.items() if name in used},
-        )
-    except InputError as error:
-        return [f"{str(error)[:1].upper()}{str(error)[1:]}."]
-    return []
+def _refuse_repeated(sample: Sample, question: Question, taken: Sequence[str]) -> None:
+    """Refuse several rows of one subject, unless they are compared as pairs."""
+    if question.kind == "pairs":
+        return
+    groups = question.between or levels(taken)
+    rows = [row for row, label in enumerate(taken) if label in groups]
+    named = [category_of(name, sample.columns)[0] for name in question.covariates]
+    table = {name: [sample.texts(name)[row] for row in rows] for name in sample.columns}
+    refuse_repeated(
+        [sample.names[row] for row in rows],
+        {plain_name(name): own for name, own in table.items() if name not in (question.column, *named)},
+        {plain_name(name): own for name, own in table.items() if name in (question.column, *named)},
+        shorthand(question.column, list(map(plain_name, named))),
+    )
 
 
 def _design(sample: Sample, question: Question, members: IntArray) -> Design:

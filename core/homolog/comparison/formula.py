@@ -308,7 +308,7 @@ def design_of(sample: Sample, question: Question) -> tuple[Design, IntArray]:
     if question.subject is None:
         own = {SIZE, SHAPE_SIZE, LOG_SIZE}
         unused = {name: values for name, values in table.items() if name not in {*used, *own}}
-        refuse_repeated(names, unused, {name: table[name] for name in used})
+        refuse_repeated(names, unused, {name: table[name] for name in used}, question.formula)
     return design, rows
 
 

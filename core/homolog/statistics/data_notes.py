@@ -1,10 +1,10 @@
-"""Remarks on the data of a comparison, in sentences: excluded subjects, spellings, repeated measurements."""
+"""Remarks on the data of a comparison, in sentences: excluded subjects, spellings."""
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from homolog.statistics.design import lookalikes
 
-__all__ = ["PARTNER_MISSING", "exclusion_notes", "repeated_notes", "spelling_notes"]
+__all__ = ["PARTNER_MISSING", "exclusion_notes", "spelling_notes"]
 
 PARTNER_MISSING = "the other one of the pair is missing"
 """Reason of an exclusion other than missing values."""
@@ -28,28 +28,6 @@ def _counted(names: Sequence[str]) -> str:
 
 def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:5]) + (", …" if len(names) > 5 else "")
-
-
-def repeated_notes(individuals: Mapping[str, Hashable]) -> list[str]:
-    """Return a caution if some of the compared subjects are the same individual.
-
-    Parameters
-    ----------
-    individuals : mapping of str to hashable
-        Individual of each subject. If all are equal, names do not identify individuals.
-    """
-    names_of: dict[Hashable, list[str]] = {}
-    for name, individual in individuals.items():
-        names_of.setdefault(individual, []).append(name)
-    several = [names for names in names_of.values() if len(names) > 1]
-    if not several or len(names_of) == 1:
-        return []
-    return [
-        f"By the column subject, {len(individuals)} subjects are {len(names_of)} individuals, some at "
-        f"several times or with both sides ({' and '.join(several[0][:2])}). Such subjects are not "
-        "independent, so that p-values and intervals may be too small. Compare one subject per "
-        "individual, or pairs."
-    ]
 
 
 def spelling_notes(title: str, values: Sequence[str]) -> list[str]:

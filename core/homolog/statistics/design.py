@@ -21,6 +21,7 @@ from homolog.errors import InputError
 from homolog.spreadsheets import MISSING
 
 __all__ = [
+    "PERSON",
     "Design",
     "Hypothesis",
     "Squares",
@@ -784,20 +785,30 @@ def formula_text(terms: Sequence[Sequence[str]]) -> str:
     return "~ " + " + ".join(":".join(term) for term in quoted)
 
 
-_BY_CHANCE = 0.001
-"""Probability below which the rows of a column's values don't differ in another column by chance."""
+PERSON = "subject"
+"""Column of the person, for several scans or sides of one."""
+_BY_CHANCE, _BY_CHANCE_IF_ALIKE = 0.001, 0.05
+"""Probability below which the rows of a column's values don't differ in another column by chance: of any
+values, and of those that stand in the same number of rows, which is evidence, too."""
+_MOST_LEVELS = 8
+"""Most values of a balanced factor, such as a grade; more that stand in equally many rows are subjects."""
+_AT_NAME_PARTS = re.compile(r"[-_. ]+"), re.compile(r"[-_. ]+(?=[^-_. ]*$)")
+"""Where names are divided into a subject and what numbers its rows: at the first separator, or the last."""
 
 
 def refuse_repeated(
     names: Sequence[str],
     unused: Mapping[str, Sequence[str | float]],
     used: Mapping[str, Sequence[str | float]],
+    formula: str,
 ) -> None:
     """Refuse rows of the same subject in a design without a `subject`: 32 to 58 % false findings.
 
-    A column names subjects if it has more values than rows of one value, and either each value stands in the
-    same number of rows, or another column numbers the rows of each value, as visits and sides do: no two rows
-    of a value agree in it, which by chance is rare. Few rows at each of many sites are neither.
+    A column ``subject`` decides. Otherwise a column, or the beginning of the names, names subjects if it has
+    more values than rows of one value, and another column (of names, their rest) numbers the rows of each
+    value, as visits and sides do: no two rows of a value agree in it, which by chance is rare. Where each
+    value stands in the same number of rows, weaker evidence suffices, and of many values none is needed. Few
+    rows at each of many sites are neither.
 
     Parameters
     ----------
@@ -805,39 +816,69 @@ def refuse_repeated(
         Names of the M rows.
     unused, used : mappings of str to sequences
         Columns that the question does not use, and those that it does.
+    formula : str
+        The question as a formula, for the message.
 
     Raises
     ------
     InputError
-        If a name stands in two rows, or an unused column names subjects.
+        If a name stands in two rows, or an unused column or the names name subjects.
     """
-    twice = next((name for name, count in Counter(names).items() if count > 1), None)
-    if twice is not None:
-        raise InputError(
-            f"{twice} stands in more than one row, and such rows are not independent; name the column of "
-            "subjects, or keep one row of each"
-        )
     table = {name: [str(value).strip() for value in column] for name, column in {**used, **unused}.items()}
-    for name in unused:
-        counts = Counter(table[name]).values()
-        if any(map(is_missing, table[name])) or not 1 < max(counts) < len(counts):
-            continue
-        others = (column for other, column in table.items() if other != name)
-        if len(set(counts)) == 1 or any(_numbers_rows(column, table[name]) for column in others):
+    rows = {"the names": list(names)} | {name: own for name, own in table.items() if name == PERSON}
+    for where, own in rows.items():
+        known = [value for value in own if not is_missing(value)]
+        twice = next((value for value, count in Counter(known).items() if count > 1), None)
+        if twice is not None and len(set(known)) > 1 and where not in used:
             raise InputError(
-                f"column {name!r} names {len(counts)} subjects in {len(names)} rows, and rows of one subject "
-                f"are not independent; name {name} as the column of subjects, as strata if it is a site, or "
-                "remove it if it is neither"
+                f"{twice} stands in more than one row, and rows of one subject are not independent; ask "
+                f'"{formula}" with {where if where in table else "a column"} as its subject, compare pairs, '
+                "or keep one row of each"
+            )
+    if PERSON in table:
+        return
+    for name in unused:
+        others = [column for other, column in table.items() if other != name]
+        count = _persons(table[name], others)
+        if count:
+            raise InputError(
+                f"column {name!r} names {count} subjects in {len(names)} rows, which are not independent; "
+                f'ask "{formula}" with {name} as its subject, or as its strata if it is a site, '
+                f"compare pairs, or add a column {PERSON!r} that tells who is who"
+            )
+    for split in _AT_NAME_PARTS:
+        parts = [split.split(name, maxsplit=1) for name in names]
+        first, rest = ([part[end] for part in parts] for end in (0, -1))
+        count = _persons(first, [rest]) if len(set(rest)) < len(set(first)) else 0
+        if count and all(len(part) == 2 for part in parts):
+            raise InputError(
+                f"by their names ({names[0]} …), the {len(names)} rows are of {count} subjects, and rows of "
+                f"one subject are not independent; add a column {PERSON!r} that tells who is who, and ask "
+                f'"{formula}" with it as its subject, or compare pairs'
             )
 
 
-def _numbers_rows(column: Sequence[str], values: Sequence[str]) -> bool:
-    """Return whether no two rows with the same of some values agree in a column, although many would."""
+def _persons(values: Sequence[str], others: Iterable[Sequence[str]]) -> int:
+    """Return how many subjects of several rows some values name; 0 if they name none."""
+    counts = Counter(values).values()
+    if any(map(is_missing, values)) or not 1 < max(counts) < len(counts):
+        return 0
+    alike = len(set(counts)) == 1
+    chance = min((_chance_of_numbering(column, values) for column in others), default=1.0)
+    named = chance <= (_BY_CHANCE_IF_ALIKE if alike else _BY_CHANCE) or (alike and len(counts) > _MOST_LEVELS)
+    return len(counts) if named else 0
+
+
+def _chance_of_numbering(column: Sequence[str], values: Sequence[str]) -> float:
+    """Return how likely it is by chance that no two rows with the same of some values agree in a column.
+
+    It is 1 where two rows agree.
+    """
     if len(set(zip(values, column, strict=True))) < len(column):
-        return False
+        return 1.0
     pairs, alike = (sum(count * (count - 1) for count in Counter(own).values()) for own in (values, column))
     agree = alike / (len(column) * (len(column) - 1))
-    return float((1.0 - agree) ** (pairs / 2)) <= _BY_CHANCE
+    return float((1.0 - agree) ** (pairs / 2))
 
 
 def group_design(

@@ -37,6 +37,7 @@ def make_project(unit_sphere):
                 shape = shape + 4.0 * np.clip(base[:, 2:] / 20.0, 0.0, 1.0) ** 2 * [0.0, 0.0, 1.0]
             name = HOSTILE if index == 4 else f"subject {index}"
             columns = {"age": str(40 + 2 * index), "sex": "mf"[index % 2], "site": "one"}
+            columns["subject"] = f"p{index}"  # couples are no repeated measures
             columns |= {"twin": f"t{index // 6}", "grade": "" if index == 7 else str(index % 4)}
             columns |= {
                 "dose": "30 y" if index == 3 else str(index),

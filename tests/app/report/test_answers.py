@@ -12,6 +12,7 @@ from homolog.comparison.findings import Seen, decimals, findings
 from homolog.comparison.places import EDGE, INNER, OUTER, Region, SurfaceCarrier, directions_of
 from homolog.comparison.question import Question
 from homolog.comparison.sample import Sample, column_of, sample_rows
+from homolog.errors import InputError
 from homolog.io.particles import read_particles, write_particles
 from homolog.io.records import ProjectRecord
 from homolog.io.report_details import Axes, ReportDetails, write_details
@@ -252,16 +253,38 @@ def test_the_least_p_of_all_signs_is_that_of_the_observed_ones_and_their_opposit
     assert answer.overall.test.p_permutation >= 1 / (answer.overall.test.permutations + 1)
 
 
-@pytest.mark.parametrize(("kind", "is_raised"), [("groups", True), ("pairs", False)])
-def test_an_individual_that_was_measured_twice_raises_a_caution_unless_pairs_are_compared(
-    project, kind, is_raised
-):
+QUESTIONS = [
+    ({"between": ("A", "B")}, '"~ group"'),
+    ({"kind": "regression", "column": "age"}, '"~ age"'),
+    ({"kind": "formula", "formula": "~ sex + age"}, '"~ sex [+] age"'),
+]
+
+
+@pytest.mark.parametrize(("asked", "formula"), QUESTIONS)
+def test_an_individual_that_was_measured_twice_is_refused_with_what_to_ask(project, asked, formula):
     result = read_result(project)
     columns = tuple({**own, "subject": f"p{index // 2}"} for index, own in enumerate(result.columns))
-    pairs = {"pairs": "couple"} if kind == "pairs" else {}
-    question = Question(kind=kind, between=("A", "B"), permutations=99, **pairs)
-    answer = ask(Sample.of(replace(result, columns=columns)), question)
-    assert any("not independent" in note for note in answer.notes) is is_raised
+    sample = Sample.of(replace(result, columns=columns))
+    with pytest.raises(InputError, match=f"more than one row.*{formula} with subject as its subject"):
+        ask(sample, Question(permutations=99, **asked))
+
+
+@pytest.mark.parametrize(("asked", "formula"), QUESTIONS)
+def test_columns_that_look_like_visits_are_refused_with_what_to_ask(project, asked, formula):
+    result = read_result(project)
+    columns = tuple(
+        {"age": own["age"], "sex": own["sex"], "patient": f"{index // 2}", "visit": "12"[index % 2]}
+        for index, own in enumerate(result.columns)
+    )
+    with pytest.raises(InputError, match=f"'patient' names 9 subjects.*{formula} with patient"):
+        ask(Sample.of(replace(result, columns=columns)), Question(permutations=99, **asked))
+
+
+def test_pairs_of_two_measurements_of_an_individual_are_compared(project):
+    result = read_result(project)
+    columns = tuple({**own, "subject": own["couple"]} for own in result.columns)
+    question = Question(kind="pairs", between=("A", "B"), pairs="subject", permutations=99)
+    assert ask(Sample.of(replace(result, columns=columns)), question).overall.counts
 
 
 def test_tables_are_marked_as_soon_as_particles_are_placed_anew(project, analyze):

@@ -248,11 +248,11 @@ def test_the_variance_inflation_of_a_number_is_that_of_its_regression_on_the_oth
 
 def test_rows_of_one_subject_are_refused_without_a_column_of_subjects():
     with pytest.raises(InputError, match="p1 stands in more than one row"):
-        refuse_repeated(["p1", "p2", "p1"], {}, {})
+        refuse_repeated(["p1", "p2", "p1"], {}, {}, "~ group")
     names = [f"row {number}" for number in range(20)]
     patients = [f"p{number // 2}" for number in range(20)]
     with pytest.raises(InputError, match="column 'patient' names 10 subjects in 20 rows"):
-        refuse_repeated(names, {"patient": patients}, {})
+        refuse_repeated(names, {"patient": patients}, {}, "~ group")
     visits = {"time": [number % 3 for number in range(30)]}
     fewer = [number for number in range(30) if number not in (5, 11, 14)]  # some miss the last visit
     patients = [f"p{number // 3}" for number in fewer]
@@ -261,7 +261,29 @@ def test_rows_of_one_subject_are_refused_without_a_column_of_subjects():
             [f"row {number}" for number in fewer],
             {"patient": patients},
             {"time": [visits["time"][number] for number in fewer]},
+            "~ time",
         )
+    small = {"patient": list("aabbccddeeff"), "eye": ["left", "right"] * 6}
+    with pytest.raises(InputError, match="column 'patient' names 6 subjects in 12 rows"):
+        refuse_repeated(names[:12], small, {}, "~ group")
+    with pytest.raises(InputError, match="p1 stands in more than one row"):
+        refuse_repeated(names[:4], {"subject": ["p1", "p2", "p3", "p1"]}, {}, "~ group")
+
+
+@pytest.mark.parametrize("form", ["p{}_{}", "heart-{}_{}", "p{}-{}_wall"])
+def test_names_that_number_the_rows_of_a_subject_are_refused_without_a_column_of_subjects(form):
+    names = [form.format(number // 2, ("ED", "ES")[number % 2]) for number in range(16)]
+    with pytest.raises(InputError, match=r"by their names .* of 8 subjects.*add a column 'subject'"):
+        refuse_repeated(names, {}, {}, "~ group")
+    refuse_repeated(names, {"subject": names}, {}, "~ group")
+    refuse_repeated([f"{'ab'[number % 2]}_{number}" for number in range(16)], {}, {}, "~ group")
+    refuse_repeated([f"site{number % 8}_{number:03d}" for number in range(16)], {}, {}, "~ group")
+
+
+def test_a_balanced_grade_does_not_name_subjects():
+    names = [f"row {number}" for number in range(12)]
+    ages = {"age": list(range(40, 52))}
+    refuse_repeated(names, {"grade": [number % 4 for number in range(12)]}, ages, "~ age")
 
 
 def test_few_rows_at_each_of_many_sites_are_no_subjects():
@@ -273,7 +295,7 @@ def test_few_rows_at_each_of_many_sites_are_no_subjects():
         "year": generator.integers(1950, 1975, len(sites)).tolist(),
     }
     names = [f"row {number}" for number in range(len(sites))]
-    refuse_repeated(names, {"site": sites, "scanner": [*sites[:-1], ""], **table}, {})
+    refuse_repeated(names, {"site": sites, "scanner": [*sites[:-1], ""], **table}, {}, "~ age")
 
 
 def test_simple_questions_are_formulas():
