@@ -254,7 +254,7 @@ def test_the_least_p_of_all_signs_is_that_of_the_observed_ones_and_their_opposit
 
 
 QUESTIONS = [
-    ({"between": ("A", "B")}, '"~ group"'),
+    ({"between": ("A", "B", "C")}, '"~ group"'),
     ({"kind": "regression", "column": "age"}, '"~ age"'),
     ({"kind": "formula", "formula": "~ sex + age"}, '"~ sex [+] age"'),
 ]
