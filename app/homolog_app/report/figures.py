@@ -41,8 +41,9 @@ from homolog_app.plots import (
     group_order,
     new_figure,
 )
-from homolog_app.rendering.camera import VIEWS, Clip, ClipPlane, View
+from homolog_app.rendering.camera import VIEWS, Clip, View
 from homolog_app.rendering.colours import page_colours
+from homolog_app.report.texts import caption
 
 __all__ = [
     "ReportFigure",
@@ -87,14 +88,14 @@ def model_figures(
 ) -> Iterator[ReportFigure]:
     """Yield the figures of the shape model, optionally cut open by a plane."""
     parallel, record = parallel_analysis(result.world), project.read().result
-    mirrored = f" {record.mirrored_text}." if record is not None and record.mirrored_text else ""
-    yield ReportFigure("scree", scree_figure(parallel), _scree_caption(parallel, model), small=True)
+    share = float(model.explained_variance_ratio_[: parallel.n_retained].sum())
+    text = caption("scree", parallel=parallel, share=share)
+    yield ReportFigure("scree", scree_figure(parallel), text, small=True)
     if len(model.explained_variance_) > 1:
         yield ReportFigure(
             "scores",
             scores_figure(model, [group or "" for group in result.groups]),
-            "Subjects in the first two modes (RMS displacement of the particles)"
-            + ("; large open markers are the groups' means." if any(result.groups) else "."),
+            caption("scores", has_groups=any(result.groups)),
             small=True,
         )
     tick(0.2, "pictures of the modes")
@@ -111,9 +112,12 @@ def model_figures(
             clip=clip,
             width=270,
         ),
-        "The first modes at ±2 standard deviations (signs are arbitrary), seen from "
-        f"{carrier.directions.way(np.array(view.toward))}. Blue is out of the tissue, yellow into "
-        f"it.{mirrored}{_cut_text(clip)}",
+        caption(
+            "modes",
+            side=carrier.directions.way(np.array(view.toward)),
+            mirrored=record.mirrored_text if record is not None else "",
+            cut=_cut_text(clip),
+        ),
     )
 
 
@@ -154,16 +158,24 @@ def study_figures(
             study.question.kind == "formula" and not (item.p_fwe <= LEVEL).any()
         ):
             continue
-        caption = _map_caption(study, item, limit, clip)
-        step = step_of(study, item.title)[0]
+        step, unit = step_of(study, item.title)
+        text = caption(
+            "map",
+            title=item.title,
+            kind=study.question.kind,
+            step=unit,
+            limit=limit,
+            level=LEVEL,
+            cut=_cut_text(clip),
+        )
         figure = map_figure(item, carrier, limit=limit, clip=clip, step=step)
-        yield ReportFigure(f"{stem}_map", figure, caption)
+        yield ReportFigure(f"{stem}_map", figure, text)
     if isinstance(study, FormulaAnswer):
         for number, along in study.allometry:
             yield ReportFigure(
                 file_stems([f"{study.question.name}_{number}_allometry"])[0],
                 allometry_figure(study, number, along),
-                f"Shape along {number}: regression scores, and the lines that the formula predicts.",
+                caption("allometry", number=number),
                 small=True,
             )
     for item, stem in zip(study.comparisons, stems, strict=True):
@@ -171,7 +183,7 @@ def study_figures(
             yield ReportFigure(
                 f"{stem}_discriminant",
                 discriminant_figure(study, item, size=_SMALL),
-                f"{item.title}: subjects along the discriminant, cross-validated; bars: means.",
+                caption("discriminant", title=item.title),
                 small=True,
             )
 
@@ -290,26 +302,7 @@ def _view(directions: Directions, name: str) -> View:
 
 
 def _cut_text(clip: Clip | None) -> str:
-    if clip is None:
-        return ""
-    if clip.plane in (ClipPlane.VIEW, ClipPlane.FREE):
-        across = ", ".join(f"{part:.2f}" for part in clip.normal)
-        faces = "that faces the viewer" if clip.plane is ClipPlane.VIEW else f"across ({across}, LPS)"
-        return f" Cut open by a plane {faces}."
-    return f" Cut open by {'an' if clip.plane is ClipPlane.AXIAL else 'a'} {clip.plane} plane."
-
-
-def _map_caption(study: Answer, comparison: Comparison, limit: float, clip: Clip | None) -> str:
-    what = {
-        "groups": "difference of the means",
-        "regression": f"change{step_of(study, comparison.title)[1]}",
-        "formula": f"effect{step_of(study, comparison.title)[1]}",
-        "pairs": "mean difference",
-    }
-    return (
-        f"{comparison.title}: {what[study.question.kind]}, outward, to ±{limit:g} mm; pale where p > "
-        f"{LEVEL:g} (corrected), else outlined.{_cut_text(clip)}"
-    )
+    return "" if clip is None else " " + caption("cut", clip=clip)
 
 
 def scree_figure(parallel: ParallelAnalysis, theme: Theme = LIGHT) -> Figure:
@@ -318,16 +311,3 @@ def scree_figure(parallel: ParallelAnalysis, theme: Theme = LIGHT) -> Figure:
     eigenvalues, threshold = parallel.eigenvalues, parallel.threshold
     draw_scree(figure.subplots(), eigenvalues, threshold, parallel.n_retained, parallel.percentile, colours)
     return figure
-
-
-def _scree_caption(parallel: ParallelAnalysis, model: ShapeModel) -> str:
-    count = parallel.n_retained
-    held = f"{100.0 * model.explained_variance_ratio_[:count].sum():.0f} % of the variance"
-    above = {
-        0: "No mode is above chance.",
-        1: f"The first mode is above chance and explains {held}.",
-    }.get(count, f"The first {count} modes are above chance and explain {held}.")
-    return (
-        "Variance of each mode, and the threshold from data without correlation (parallel analysis, "
-        f"{parallel.repeats} {parallel.null} data sets); hatched: not retained. {above}"
-    )

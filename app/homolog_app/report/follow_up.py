@@ -24,9 +24,10 @@ from homolog.patient.findings import (
 from homolog.progress import Tick, no_tick
 from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure
-from homolog_app.report.page import Page, template_text
+from homolog_app.report.page import Page
 from homolog_app.report.patient_figures import change_figure
 from homolog_app.report.sheets import write_page
+from homolog_app.report.texts import caption, template_text
 
 __all__ = ["check_times", "follow_up_page", "write_follow_up"]
 
@@ -172,9 +173,9 @@ def follow_up_page(follow_up: FollowUp, reference: Reference) -> Page:
     }
     maps = []
     for change in follow_up.changes:
-        faint = "" if beyond_limit(change, follow_up) is None else f", faint within {limit_text(follow_up)}"
-        caption = f"{change.name}: change in mm on the first surface, blue outward, yellow inward{faint}."
-        maps.append(ReportFigure("changes", change_figure(follow_up, change), caption))
+        faint = "" if beyond_limit(change, follow_up) is None else limit_text(follow_up)
+        text = caption("change", name=change.name, faint=faint)
+        maps.append(ReportFigure("changes", change_figure(follow_up, change), text))
     tables: dict[str, Mapping[str, Any]] = {
         "numbers": {"columns": _COLUMNS, "rows": _number_rows(follow_up)},
         "reference": {"columns": ("", "value"), "rows": reference_rows(reference)},

@@ -25,21 +25,11 @@ __all__ = [
     "Link",
     "Page",
     "Picture",
-    "template_text",
     "write_index",
 ]
 
 
 _DPI = 150
-
-
-def template_text(name: str, context: Mapping[str, object]) -> str:
-    """Return the text that a template of the resources gives; a name that it lacks is an error."""
-    environment = Environment(
-        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    source = (files("homolog_resources") / name).read_text(encoding="utf-8")
-    return environment.from_string(source).render(context)
 
 
 @dataclass(frozen=True, slots=True)

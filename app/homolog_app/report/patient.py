@@ -37,9 +37,10 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.follow_up import check_times, write_follow_up
-from homolog_app.report.page import Page, template_text
+from homolog_app.report.page import Page
 from homolog_app.report.patient_figures import maps_figure, percentiles_figure, wall_figure
 from homolog_app.report.sheets import write_page
+from homolog_app.report.texts import caption, template_text
 
 __all__ = [
     "PatientRequest",
@@ -75,14 +76,6 @@ _SUMMARY = (
 )
 _REGIONS = ("region", "area (mm²)", "mean (mm)", "peak (mm)", "wall (%)", "z at peak", "place", "particles")
 _NUMBERS = ("", "value", "percentile of controls (95 % interval)", "p")
-_WALL = (
-    "Thickness of the wall in %, relative to that of controls scaled to this wall as a whole: blue is "
-    "thicker, yellow thinner; faint within the limit."
-)
-_MARKS = (
-    "Marks: controls fitted as patients; band: their middle 90 %; dashed: limit; diamond: this subject, "
-    "red where p is 0.05 or less or where it is beyond the limit."
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,18 +313,15 @@ def patient_page(
         "groups": [group_sentence(row) for row in groups],
         "group_caution": GROUP_CAUTION,
     }
-    grey = " Grey: cut off; the expected shape is shown there, without assessment."
-    maps = (
-        "Difference in mm on the subject's own surface: blue is outward, yellow inward. Top: difference from "
-        "the shape that the reference expects of this subject, faint within the limit. Bottom: difference "
-        f"from the mean of the reference.{grey if comparison.missing.any() else ''}"
-    )
+    maps = caption("patient", is_cut_off=bool(comparison.missing.any()))
     figures = {
         "maps": [
             ReportFigure("maps", maps_figure(comparison), maps),
-            ReportFigure("wall", wall_figure(comparison), _WALL),
+            ReportFigure("wall", wall_figure(comparison), caption("wall")),
         ],
-        "percentiles": [ReportFigure("percentiles", percentiles_figure(comparison, reference), _MARKS)],
+        "percentiles": [
+            ReportFigure("percentiles", percentiles_figure(comparison, reference), caption("percentiles"))
+        ],
     }
     visible = visible_rows(reference)
     tables: dict[str, Mapping[str, Any]] = {

@@ -44,19 +44,15 @@ from homolog_app.report.model_section import (
     settings_rows,
     write_correspondence,
 )
-from homolog_app.report.page import Page, template_text
+from homolog_app.report.page import Page
 from homolog_app.report.sheets import write_page
+from homolog_app.report.texts import template_text
 
 __all__ = ["write_report"]
 
 _TEMPLATE = "report_text.jinja"
 _TABLES = ("quality.csv", "correspondence.csv", "measures.csv", "settings.csv")
 """Files next to the page."""
-_ALIGNED = {
-    Alignment.AS_IT_LIES: "as they lay after the run",
-    Alignment.FORM: "by generalized Procrustes analysis [gower] without scaling (form)",
-    Alignment.SHAPE: "by generalized Procrustes analysis [gower] with scaling to one size (shape)",
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -256,11 +252,8 @@ def _of_studies(studies: Sequence[_Study]) -> dict[str, object]:
         "studies": studies,
         "sequence_end": stops[0] if stops else len(studies),
         "cautions": list(_cautions(studies)),
-        "left_out": f"Not compared in question 1: {', '.join(left)}." if left else "",
-        "alignments": " ".join(
-            f"For question {', '.join(numbers)} shapes were aligned {_ALIGNED[way]}."
-            for way, numbers in by_alignment.items()
-        ),
+        "left_out": left,
+        "alignments": {way.value: numbers for way, numbers in by_alignment.items()},
         "chosen_modes": any(question.modes is not None for question in requested),
         "permutations": " to ".join(map(str, dict.fromkeys((counts[0], counts[-1])))) if counts else "",
         "has_pairs": any(answer.pairwise for answer in answers),

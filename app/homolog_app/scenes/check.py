@@ -26,6 +26,7 @@ __all__ = [
     "checked_scene",
     "distances_on",
     "energies_of",
+    "seen_from_mean",
     "textures_of",
 ]
 
@@ -282,3 +283,12 @@ def textures_of(
         patterns["checkerboard"][name] = checkerboard(carried, inspection.consensus.shape, blur)
         patterns["stripes"][name] = stripes(carried, inspection.consensus.shape, blur)
     return patterns
+
+
+def seen_from_mean(normals: FloatArray, mean: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return normals (M, 3) to the right, up and towards an eye above their mean (3,), and angles [°]."""
+    head = np.array([0.0, 0.0, 1.0]) if abs(mean[2]) < 0.9 else np.array([0.0, -1.0, 0.0])
+    right = np.cross(head, mean)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(mean, right), mean])
+    return normals @ axes.T, np.degrees(np.arccos(np.clip(normals @ mean, -1.0, 1.0)))

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from homolog.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from homolog.cohort import Cohort
@@ -18,6 +20,7 @@ from homolog.progress import Tick, part_of
 from homolog.statistics.cautions import LEVEL
 from homolog.statistics.comparison import Comparison
 from homolog.statistics.procrustes import aligned
+from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import nearest_particles
 from homolog_app.rendering.colours import common_limit
 from homolog_app.rendering.text import short
@@ -54,6 +57,18 @@ class GroupMap:
     ways: Float32Array
     outward: Float32Array
     significant: BoolArray
+
+    def middle(self, mesh: TriangleMesh) -> int:
+        """Return the vertex of the surface nearest to the centre of the largest significant region."""
+        edges = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]]])
+        kept = edges[self.significant[edges].all(axis=1)]
+        count = len(self.significant)
+        graph = coo_matrix((np.ones(len(kept)), kept.T), shape=(count, count))
+        labels = connected_components(graph, directed=False)[1]
+        largest = np.bincount(labels[self.significant]).argmax()
+        chosen = np.flatnonzero(self.significant & (labels == largest))
+        away = mesh.vertices[chosen] - mesh.vertices[chosen].mean(axis=0)
+        return int(chosen[np.linalg.norm(away, axis=1).argmin()])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,11 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
-from homolog.arrays import Array, BoolArray, Float32Array, FloatArray, IntArray, frozen
+from homolog.arrays import Array, Float32Array, FloatArray, IntArray, frozen
 from homolog.errors import InputError
 from homolog.geometry import scale_of
 from homolog.io.project import ProjectFolder
@@ -29,8 +27,6 @@ __all__ = [
     "RigidModes",
     "facing",
     "fit_model_shape",
-    "largest_region",
-    "middle_of",
     "placement",
     "read_model_shape",
 ]
@@ -318,23 +314,6 @@ def _normals(vertices: Array, faces: IntArray, corners: "sparse.csr_array") -> F
     sums: Float32Array = corners @ across
     sums /= np.maximum(np.sqrt(np.einsum("vi,vi->v", sums, sums)), 1e-30)[:, None]
     return sums
-
-
-def largest_region(faces: IntArray, inside: BoolArray) -> BoolArray:
-    """Return the vertices (V,) of the largest region of `inside` that edges of (F, 3) faces connect."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
-    kept = edges[inside[edges].all(axis=1)]
-    graph = coo_matrix((np.ones(len(kept)), kept.T), shape=(len(inside), len(inside)))
-    labels = connected_components(graph, directed=False)[1]
-    counts = np.bincount(labels[inside])
-    return np.asarray(inside & (labels == counts.argmax()))
-
-
-def middle_of(vertices: Array, region: BoolArray) -> int:
-    """Return the vertex (of V, 3) of a region (V,) that is nearest to the region's centre."""
-    chosen = np.flatnonzero(region)
-    away = vertices[chosen] - vertices[chosen].mean(axis=0)
-    return int(chosen[np.linalg.norm(away, axis=1).argmin()])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -104,7 +104,7 @@ class CutTool(QObject):
 
     def _place(self, subject: Subject) -> None:
         """Put the plane of a subject where the box says: through its middle, or its first landmarks."""
-        from homolog.run.planes import marked, plane_through
+        from homolog.run.planes import marked, plane_across, plane_through
 
         whole, axis = self._whole(subject.name), self._box.place.currentData()
         if whole is None:
@@ -113,11 +113,7 @@ class CutTool(QObject):
             if axis == "landmarks":
                 plane = plane_through(marked(subject), whole)
             else:
-                weights = whole.vertex_areas / whole.area
-                centre = weights @ whole.vertices
-                apart = whole.vertices - centre
-                axes = np.linalg.eigh((apart * weights[:, None]).T @ apart)[1].T[::-1]
-                plane = Plane.of(centre, axes[_AXES.index(axis)])
+                plane = plane_across(whole, _AXES.index(axis))
         except InputError as error:
             self._session.noticed.emit(str(error))
             return

@@ -244,11 +244,6 @@ class Session(QObject):
         run = self.job.run or self.job.kept
         return run.preliminary if run is not None and self.result is None else None
 
-    def add_surveys(self, surveys: "Mapping[str, FileSurvey]") -> None:
-        """Add previews of subjects' files."""
-        self.surveys |= surveys
-        self.surveys_changed.emit()
-
     def add_groomed(self, groomed: Mapping[str, Groomed]) -> None:
         """Add groomed subjects, replacing those with the same names."""
         self.groomed |= groomed

@@ -11,6 +11,7 @@ import numpy as np
 from homolog.cohort import Cohort
 from homolog.comparison.answer import Answer
 from homolog.comparison.ask import ask
+from homolog.comparison.findings import share_of_surface
 from homolog.comparison.question import Question
 from homolog.comparison.sample import Sample
 from homolog.errors import Cancelled, InputError
@@ -332,7 +333,6 @@ def _answers(answer: Answer, seed: int, fingerprint: str) -> list[SeedAnswer]:
     rows = []
     for comparison in answer.comparisons:
         significant = comparison.p_fwe <= LEVEL
-        area = float(answer.areas[significant].sum()) / max(float(answer.areas.sum()), 1e-300)
         line, size = comparison.discriminant, comparison.size
         rows.append(
             SeedAnswer(
@@ -341,7 +341,7 @@ def _answers(answer: Answer, seed: int, fingerprint: str) -> list[SeedAnswer]:
                 p=comparison.p_adjusted,
                 distance=comparison.distance,
                 particles=int(np.count_nonzero(significant)),
-                percent=100.0 * area,
+                percent=share_of_surface(answer, comparison),
                 accuracy=None if line is None else _plain(line.accuracy, comparison.accuracy_p_adjusted),
                 auc=None if line is None else _plain(line.auc, comparison.auc_p_adjusted),
                 size=_plain(size, comparison.size_p_adjusted)

@@ -32,6 +32,7 @@ __all__ = [
     "common_planes",
     "cut_cohort",
     "marked",
+    "plane_across",
     "plane_along",
     "plane_through",
     "with_regions",
@@ -233,6 +234,20 @@ def plane_through(points: FloatArray, mesh: TriangleMesh) -> Plane:
     return plane if kept >= 0.5 * mesh.area else Plane.of(points[0], -across)
 
 
+def _axes_of(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
+    """Return the centre (3,) of a surface and its principal axes (3, 3) as rows, the longest first."""
+    weights = mesh.vertex_areas / mesh.area
+    centre = weights @ mesh.vertices
+    apart = mesh.vertices - centre
+    return centre, np.linalg.eigh((apart * weights[:, None]).T @ apart)[1].T[::-1]
+
+
+def plane_across(mesh: TriangleMesh, axis: int) -> Plane:
+    """Return the plane through the centre of a surface, across its longest (0) … shortest (2) axis."""
+    centre, axes = _axes_of(mesh)
+    return Plane.of(centre, axes[axis])
+
+
 def plane_along(mesh: TriangleMesh, length: float, towards: FloatArray | None = None) -> Plane:
     """Return the plane across a surface's long axis that keeps a length of it, measured from one end.
 
@@ -249,10 +264,7 @@ def plane_along(mesh: TriangleMesh, length: float, towards: FloatArray | None = 
     InputError
         If the surface is closed and no direction is given.
     """
-    weights = mesh.vertex_areas / mesh.area
-    centre = weights @ mesh.vertices
-    apart = mesh.vertices - centre
-    axis = np.linalg.eigh((apart * weights[:, None]).T @ apart)[1][:, -1]
+    centre, (axis, *_) = _axes_of(mesh)
     if towards is None:
         rim = rim_sides(mesh.faces)[0]
         if not len(rim):

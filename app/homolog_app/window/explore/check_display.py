@@ -19,6 +19,7 @@ from homolog_app.scenes.check import (
     Marks,
     distances_on,
     energies_of,
+    seen_from_mean,
     textures_of,
 )
 from homolog_app.scenes.states import CheckView
@@ -60,8 +61,7 @@ class NormalSphere(QWidget):
     ) -> None:
         """Show the unit normals (M, 3) of a particle and their Fréchet mean (3,)."""
         self._particle, self._names = particle, names
-        self._angles = np.degrees(np.arccos(np.clip(normals @ mean, -1.0, 1.0)))
-        self.points = normals @ _frame(mean).T
+        self.points, self._angles = seen_from_mean(normals, mean)
         self.setAccessibleDescription(f"particle {particle}: {'; '.join(self._list())}")
         self.update()
 
@@ -178,14 +178,6 @@ class NormalSphere(QWidget):
             painter.setPen(QColor(colour))
             painter.drawText(area, int(Qt.TextFlag.TextWordWrap), text)
             area.setTop(painter.boundingRect(area, int(Qt.TextFlag.TextWordWrap), text).bottom() + 6.0)
-
-
-def _frame(mean: FloatArray) -> FloatArray:
-    """Return right, up and towards the eye as rows, looking onto the sphere from the mean."""
-    head = np.array([0.0, 0.0, 1.0]) if abs(mean[2]) < 0.9 else np.array([0.0, -1.0, 0.0])
-    right = np.cross(head, mean)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(mean, right), mean])
 
 
 _NOBODY: IntArray = np.empty(0, np.int64)

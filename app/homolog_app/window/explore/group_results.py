@@ -200,15 +200,12 @@ def _heading(study: "Answer") -> str:
 def _values(study: "Answer", comparison: "Comparison") -> tuple[str, str, str, str]:
     effect = _effect_text(comparison.distance if comparison.test.modes else None, study.question)
     p = p_number(comparison.p_adjusted, comparison.test.permutations)
-    significant = comparison.p_fwe <= LEVEL
-    share = (
-        100.0 * float(study.areas[significant].sum()) / max(float(study.areas.sum()), np.finfo(float).tiny)
-    )
+    share = share_of_surface(study, comparison)
     return (
         typeset(comparison.title),
         effect,
         p,
-        f"{share:.0f} %" if significant.any() else "none",
+        f"{share:.0f} %" if (comparison.p_fwe <= LEVEL).any() else "none",
     )
 
 

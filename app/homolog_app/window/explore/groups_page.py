@@ -18,7 +18,6 @@ from homolog_app.scenes.group_answers import (
     map_answers,
     question_of,
 )
-from homolog_app.scenes.model_shape import largest_region, middle_of
 from homolog_app.scenes.shapes import PALE_LABELS, group_scene
 from homolog_app.scenes.states import GroupsView
 from homolog_app.window.actions import Actions
@@ -315,7 +314,7 @@ class GroupsPage(ExplorePage):
         if drawn is None or not drawn.significant.any() or content is None or content.groomed is None:
             return None
         shape = self.answers[0].shape
-        vertex = middle_of(shape.mean.vertices, largest_region(shape.mean.faces, drawn.significant))
+        vertex = drawn.middle(shape.mean)
         surface = content.groomed.placed(content.alignment)
         return content.name, surface.vertices[vertex], surface.vertex_normals[vertex]
 
