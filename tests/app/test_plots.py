@@ -24,6 +24,7 @@ from homolog_app.plots import (
     group_order,
     group_style,
     new_figure,
+    percentile_rows,
 )
 from homolog_app.plots.model import fitting, width_of
 from homolog_app.rendering.colours import DARK, LIGHT, LIGHT_SCHEME, page_colours
@@ -248,6 +249,7 @@ def test_a_patient_beyond_the_limit_is_red_even_if_few_controls_do_not_allow_a_s
     comparison = SimpleNamespace(**usual, local=percentile(largest, controls))
     values = dict.fromkeys(("mahalanobis", "outside", "size", "maxima"), controls)
     figure = new_figure(6.6, 2.6, COLOURS)
-    draw_percentiles(figure.subplots(4, 1), comparison, SimpleNamespace(**values, limit=5.5), COLOURS)
+    rows = percentile_rows(comparison, SimpleNamespace(**values, limit=5.5))
+    draw_percentiles(figure.subplots(4, 1), rows, COLOURS)
     marks = [axes.lines[-1].get_color() for axes in figure.axes]
     assert marks == [COLOURS.accent] * 3 + [colour]

@@ -63,7 +63,7 @@ def run_reference(arguments: argparse.Namespace) -> int:
     """Make the reference; return the exit code."""
     from homolog.inspection.verdict import refuse_unusable
     from homolog.io.results import read_result
-    from homolog.patient.build import make_reference
+    from homolog.patient import make_reference
     from homolog.patient.findings import reference_text
     from homolog.patient.reference import check_name
 
@@ -148,7 +148,8 @@ def _request(arguments: argparse.Namespace, *files: Path) -> "PatientRequest":
         type=Path,
         nargs="+",
         metavar="FILE",
-        help="segmentations, meshes, a folder of them or a cohort.csv",
+        help="segmentations, meshes, a folder of them or a cohort.csv; of several structures a label map, or "
+        "a folder with a file for each",
     ),
     option("--out", type=Path, required=True, metavar="FOLDER", help="a new or empty folder"),
     option(
@@ -178,12 +179,12 @@ def _request(arguments: argparse.Namespace, *files: Path) -> "PatientRequest":
 def run_patient(arguments: argparse.Namespace) -> int:
     """Compare; return the exit code."""
     from homolog.io.atomic import replace_folder
-    from homolog.patient.reference import Reference
+    from homolog.patient import read_reference
     from homolog_app.report.patient import write_patients
 
     if arguments.repeat and not arguments.follow_up:
         raise InputError("--repeat: gives the measurement error of a follow-up; add --follow-up")
-    reference = Reference.load(arguments.reference)
+    reference = read_reference(arguments.reference)
     request = replace(
         _request(arguments, *arguments.files),
         against=tuple(arguments.against),
@@ -204,7 +205,7 @@ def run_patient(arguments: argparse.Namespace) -> int:
     "Compare a patient with a reference made by homolog reference and write only the "
     "report, as PDF or one HTML page. homolog patient also writes tables and surfaces.",
     option("reference", type=Path, help="file that homolog reference wrote"),
-    option("file", type=Path, help="segmentation or mesh of the patient"),
+    option("file", type=Path, help="segmentation or mesh of the patient, or folder of several structures"),
     option(
         "--out", type=Path, required=True, metavar="FILE", help="FILE (.pdf or .html); replaced if it exists"
     ),
@@ -213,12 +214,12 @@ def run_patient(arguments: argparse.Namespace) -> int:
 )
 def run_patient_report(arguments: argparse.Namespace) -> int:
     """Write the report; return the exit code."""
-    from homolog.patient.reference import Reference
+    from homolog.patient import read_reference
     from homolog_app.report.patient import write_report_file
     from homolog_app.report.sheets import check_page_name
 
     check_page_name(arguments.out)
-    reference = Reference.load(arguments.reference)
+    reference = read_reference(arguments.reference)
     with show_progress(arguments.progress) as progress:
         finding = write_report_file(
             arguments.out, reference, _request(arguments, arguments.file), progress.tick

@@ -5,6 +5,7 @@ A function named `draw_` takes axes, data and the scheme's colours. It needs no 
 
 from homolog_app.plots.groups import (
     ALLOMETRY,
+    PercentileRow,
     discriminant_points,
     draw_allometry,
     draw_along,
@@ -16,6 +17,7 @@ from homolog_app.plots.groups import (
     draw_slope,
     draw_value,
     percentile_rows,
+    pose_percentile_rows,
 )
 from homolog_app.plots.model import (
     DPI,
@@ -33,6 +35,7 @@ from homolog_app.plots.names import draw_all_names, draw_subjects
 __all__ = [
     "ALLOMETRY",
     "DPI",
+    "PercentileRow",
     "discriminant_points",
     "draw_all_names",
     "draw_allometry",
@@ -54,4 +57,5 @@ __all__ = [
     "group_style",
     "new_figure",
     "percentile_rows",
+    "pose_percentile_rows",
 ]

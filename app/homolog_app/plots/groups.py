@@ -25,7 +25,7 @@ from homolog_app.rendering.colours import Colours
 from homolog_app.rendering.text import legible, short, shortened
 
 if TYPE_CHECKING:
-    from homolog.patient import PatientComparison, Percentile, Reference
+    from homolog.patient import JointComparison, JointReference, PatientComparison, Percentile, Reference
     from homolog.statistics.anova import Allometry
     from homolog.statistics.welch import GroupMeasure
 
@@ -298,10 +298,12 @@ def draw_value(axes: Axes, x: float, y: float, text: str, colours: Colours) -> S
     return dot, note
 
 
-def percentile_rows(
-    comparison: "PatientComparison", reference: "Reference"
-) -> list[tuple[str, str, "Percentile", FloatArray, float | None]]:
-    """Return a patient's numbers: name, value as text, percentile, values of the controls, and the limit."""
+PercentileRow = tuple[str, str, "Percentile", FloatArray, float | None]
+"""A patient's number: name, value as text, percentile, values of the controls, and the limit."""
+
+
+def percentile_rows(comparison: "PatientComparison", reference: "Reference") -> list[PercentileRow]:
+    """Return a patient's numbers."""
     measures = (
         ("Distance in the modes", "{:.1f} SD", comparison.mahalanobis, reference.mahalanobis, None),
         ("Distance outside the modes", "{:.2f} mm", comparison.outside, reference.outside, None),
@@ -309,31 +311,37 @@ def percentile_rows(
         ("Largest |z|", "{:.1f}", comparison.local, reference.maxima, reference.limit),
     )
     return [
-        (
-            name,
-            f"{form.format(item.value)}, percentile {item.percent:.0f} ({item.low:.0f} to {item.high:.0f})",
-            item,
-            controls,
-            limit,
-        )
+        (name, _ranked(form.format(item.value), item), item, controls, limit)
         for name, form, item, controls, limit in measures
     ]
 
 
-def draw_percentiles(
-    rows: Sequence[Axes], comparison: "PatientComparison", reference: "Reference", colours: Colours
-) -> None:
-    """Draw a patient's numbers on four axes: controls as marks, their middle 90 %, the patient as a diamond.
+def pose_percentile_rows(comparison: "JointComparison", reference: "JointReference") -> list[PercentileRow]:
+    """Return how a patient's structures lie to each other."""
+    norms = {norm.structure: norm for norm in reference.poses}
+    rows: list[PercentileRow] = []
+    for pose in comparison.poses:
+        name, norm = f"{pose.structure} against {pose.against}", norms[pose.structure]
+        turn, shift = _ranked(f"{pose.angle:.1f}°", pose.turn), _ranked(f"{pose.distance:.1f} mm", pose.shift)
+        rows.append((f"Turn of {name} (SD)", turn, pose.turn, norm.turns, None))
+        rows.append((f"Shift of {name} (SD)", shift, pose.shift, norm.shifts, None))
+    return rows
+
+
+def _ranked(value: str, rank: "Percentile") -> str:
+    return f"{value}, percentile {rank.percent:.0f} ({rank.low:.0f} to {rank.high:.0f})"
+
+
+def draw_percentiles(rows: Sequence[Axes], measures: Sequence[PercentileRow], colours: Colours) -> None:
+    """Draw a patient's numbers: controls as marks, their middle 90 %, the patient as a diamond.
 
     Parameters
     ----------
     rows : sequence of Axes
-        Four axes.
-    comparison : PatientComparison
-    reference : Reference
+        One for each number.
+    measures : sequence of PercentileRow
     colours : Colours
     """
-    measures = percentile_rows(comparison, reference)
     for axes, (name, text, item, controls, limit) in zip(rows, measures, strict=True):
         dress(axes, colours)
         low, high = np.quantile(controls, [0.05, 0.95])

@@ -17,23 +17,38 @@ from homolog.io.meshes import write_mesh
 from homolog.io.names import file_stems
 from homolog.io.particles import write_particles
 from homolog.io.tables import write_table
-from homolog.patient import FollowUp, PatientComparison, Reference, compare_patient, compare_times
+from homolog.patient import (
+    FollowUp,
+    JointComparison,
+    JointReference,
+    PatientComparison,
+    PatientPose,
+    Reference,
+    compare_joint_patient,
+    compare_patient,
+    compare_times,
+)
 from homolog.patient.files import patient_at, patients_of, with_label
 from homolog.patient.findings import (
     GROUP_CAUTION,
     GROUP_COLUMNS,
     GroupRow,
     finding,
+    findings,
     group_rows,
     group_sentence,
+    joint_finding,
     measure_rows,
     nearest_controls_text,
+    pairs_of,
+    pose_rows,
     reference_rows,
     region_rows,
     visible_rows,
     who_text,
 )
 from homolog.progress import Tick, no_tick, part_of
+from homolog_app.plots import percentile_rows, pose_percentile_rows
 from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.follow_up import check_times, write_follow_up
@@ -46,6 +61,7 @@ __all__ = [
     "PatientRequest",
     "PatientSummary",
     "patient_page",
+    "write_joint_patient",
     "write_patient",
     "write_patients",
     "write_report_file",
@@ -76,6 +92,20 @@ _SUMMARY = (
 )
 _REGIONS = ("region", "area (mm²)", "mean (mm)", "peak (mm)", "wall (%)", "z at peak", "place", "particles")
 _NUMBERS = ("", "value", "percentile of controls (95 % interval)", "p")
+_POSES = (
+    "structure",
+    "against",
+    "turn_degrees",
+    *(f"turn_{axis}_degrees" for axis in "xyz"),
+    "turn_sd",
+    "turn_percentile",
+    "turn_p",
+    "shift_mm",
+    *(f"shift_{axis}_mm" for axis in "xyz"),
+    "shift_sd",
+    "shift_percentile",
+    "shift_p",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +154,7 @@ class PatientSummary:
 
 
 def write_patients(
-    folder: Path, reference: Reference, request: PatientRequest, tick: Tick = no_tick
+    folder: Path, reference: Reference | JointReference, request: PatientRequest, tick: Tick = no_tick
 ) -> PatientSummary:
     """Compare patients and write their reports; several patients have a folder each and one table.
 
@@ -145,6 +175,8 @@ def write_patients(
     InputError
         If no patient can be compared, or the folder can't be written to.
     """
+    if isinstance(reference, JointReference):
+        return _write_joint_patients(folder, reference, request, tick)
     subjects = patients_of(request.files)
     reference = with_label(reference, request.label)
     if request.follow_up:
@@ -189,7 +221,105 @@ def write_patients(
     return PatientSummary(tuple(lines), tuple(problems))
 
 
-def write_report_file(path: Path, reference: Reference, request: PatientRequest, tick: Tick = no_tick) -> str:
+def _write_joint_patients(
+    folder: Path, reference: JointReference, request: PatientRequest, tick: Tick
+) -> PatientSummary:
+    """Compare patients with several structures; as `write_patients`, with a row of the table a structure."""
+    _check_joint(request)
+    subjects = patients_of(request.files, reference.files)
+    stems = file_stems([subject.name for subject in subjects])
+    rows: list[list[str | float | int | None]] = []
+    lines: list[str] = []
+    problems: list[str] = []
+    for index, (subject, stem) in enumerate(zip(subjects, stems, strict=True)):
+        part_tick = part_of(tick, index / len(subjects), (index + 1) / len(subjects))
+        try:
+            comparison = _compared_jointly(reference, subject, request, part_of(part_tick, 0.0, 0.7))
+        except (InputError, NumericalError) as error:
+            if len(subjects) == 1:
+                raise
+            problems += [f"{subject.name}: {line}" for line in str(error).splitlines()]
+            rows.append([subject.name, *[None] * (len(_SUMMARY) - 1), str(error)])
+            continue
+        own = folder if len(subjects) == 1 else folder / stem
+        write_joint_patient(own, comparison, reference, part_of(part_tick, 0.7, 1.0))
+        for name, alone in comparison.structures.items():
+            values = _summary(alone, reference.structures[name])
+            rows.append([values[0], name, *values[1:], None])
+        rows += [
+            [subject.name, name, *[None] * (len(_SUMMARY) - 2), text]
+            for name, text in comparison.problems.items()
+        ]
+        problems += [f"{subject.name}: {name}: {text}" for name, text in comparison.problems.items()]
+        lines += [f"{subject.name}: {text}" for text in joint_finding(comparison, reference)]
+        alike = pairs_of(comparison, reference)
+        for cautions in (False, True):
+            lines += [f"{subject.name}: {text}" for text in _remarks(alike, cautions=cautions)]
+    if not lines:
+        raise InputError("\n".join(problems))
+    write_table(folder / "patients.csv", [_SUMMARY[0], "structure", *_SUMMARY[1:]], rows)
+    return PatientSummary(tuple(lines), tuple(problems))
+
+
+def _check_joint(request: PatientRequest) -> None:
+    """Refuse what is for references of a single structure; raises InputError."""
+    given = {
+        "--label": request.label is not None,
+        "--against": bool(request.against),
+        "--follow-up": request.follow_up,
+    }
+    if unusable := [name for name, is_given in given.items() if is_given]:
+        raise InputError(
+            f"{', '.join(unusable)}: needs a reference of one structure; make it of its project "
+            "(PROJECT/structures/NAME)"
+        )
+
+
+def _compared_jointly(
+    reference: JointReference, subject: Subject, request: PatientRequest, tick: Tick
+) -> JointComparison:
+    values = _values(subject, request)
+    side, cut_off, force = request.side, request.cut_off, request.force
+    return compare_joint_patient(
+        reference, subject, values, side=side, cut_off=cut_off, force=force, tick=tick
+    )
+
+
+def write_joint_patient(
+    folder: Path, comparison: JointComparison, reference: JointReference, tick: Tick = no_tick
+) -> None:
+    """Write the report of a patient with several structures, tables, and surfaces in a folder a structure.
+
+    Raises
+    ------
+    InputError
+        If the folder can't be written to.
+    """
+    tick(0.0, "drawing the maps")
+    page = patient_page(comparison, reference)
+    tick(0.5, "writing the report")
+    write_text(folder / "report.html", page.html)
+    write_page(folder / "report.pdf", page)
+    tick(0.8, "writing tables and surfaces")
+    stems = file_stems(list(comparison.structures))
+    for stem, (name, alone) in zip(stems, comparison.structures.items(), strict=True):
+        _write_data(folder / stem, alone, reference.structures[name])
+    write_table(folder / "pose.csv", _POSES, (_pose_row(pose) for pose in comparison.poses))
+
+
+def _pose_row(pose: PatientPose) -> list[str | float]:
+    row: list[str | float] = [pose.structure, pose.against]
+    for size, vector, rank in (
+        (pose.angle, pose.rotation, pose.turn),
+        (pose.distance, pose.translation, pose.shift),
+    ):
+        row += [size, *vector.tolist(), rank.value, rank.percent, rank.p]
+    return row
+
+
+def write_report_file(
+    path: Path, reference: Reference | JointReference, request: PatientRequest, tick: Tick = no_tick
+) -> str:
     """Compare one patient and write only the report, as PDF or HTML; return the findings.
 
     Raises
@@ -198,19 +328,30 @@ def write_report_file(path: Path, reference: Reference, request: PatientRequest,
         If the files are not those of one patient, the patient can't be compared, or the report can't be
                 written.
     """
-    subject, reference = patient_at(request.files[0]), with_label(reference, request.label)
-    comparison = _compared(reference, subject, request, part_of(tick, 0.0, 0.7))
+    comparison: PatientComparison | JointComparison
+    if isinstance(reference, JointReference):
+        _check_joint(request)
+        subject = patient_at(request.files[0], reference.files)
+        comparison = _compared_jointly(reference, subject, request, part_of(tick, 0.0, 0.7))
+    else:
+        subject, reference = patient_at(request.files[0]), with_label(reference, request.label)
+        comparison = _compared(reference, subject, request, part_of(tick, 0.0, 0.7))
     page = patient_page(comparison, reference)
     tick(0.9, "writing the report")
     write_page(path, page)
-    return finding(comparison, reference)
+    return "\n".join(findings(comparison, reference))
+
+
+def _values(subject: Subject, request: PatientRequest) -> dict[str, str]:
+    """Return a patient's covariates; values of a table take precedence over those for all patients."""
+    return {**request.covariates, **{key: item for key, item in subject.columns.items() if item}}
 
 
 def _compared(
     reference: Reference, subject: Subject, request: PatientRequest, tick: Tick
 ) -> PatientComparison:
-    """Compare a patient; values of a table take precedence over those for all patients."""
-    values = {**request.covariates, **{key: item for key, item in subject.columns.items() if item}}
+    """Compare a patient with a single structure."""
+    values = _values(subject, request)
     side, cut_off, force = request.side, request.cut_off, request.force
     return compare_patient(reference, subject, values, side=side, cut_off=cut_off, force=force, tick=tick)
 
@@ -248,6 +389,11 @@ def write_patient(
     if groups:
         write_table(folder / "groups.csv", GROUP_COLUMNS, groups)
     tick(0.8, "writing tables and surfaces")
+    _write_data(folder, comparison, reference)
+
+
+def _write_data(folder: Path, comparison: PatientComparison, reference: Reference) -> None:
+    """Write the regions, the maps on the expected and the own surface, and the particles."""
     write_table(
         folder / "regions.csv",
         [
@@ -301,38 +447,69 @@ def write_patient(
 
 
 def patient_page(
-    comparison: PatientComparison, reference: Reference, groups: Sequence[GroupRow] = ()
+    comparison: PatientComparison | JointComparison,
+    reference: Reference | JointReference,
+    groups: Sequence[GroupRow] = (),
 ) -> Page:
-    """Return a patient's report."""
+    """Return a patient's report, of one or several structures."""
+    alone = pairs_of(comparison, reference)
+    figures: dict[str, list[ReportFigure]] = {}
+    tables: dict[str, Mapping[str, Any]] = {}
+    items = []
+    for name, (own, against) in alone.items():
+        items.append(
+            {
+                "title": name,
+                "key": name and f"_{name}",
+                "regions": own.regions,
+                "nearest": nearest_controls_text(own, against),
+            }
+        )
+        key = items[-1]["key"]
+        maps = caption("patient", is_cut_off=bool(own.missing.any()))
+        bars = percentiles_figure(percentile_rows(own, against))
+        figures |= {
+            f"maps{key}": [
+                ReportFigure(f"maps{key}", maps_figure(own), maps),
+                ReportFigure(f"wall{key}", wall_figure(own), caption("wall")),
+            ],
+            f"percentiles{key}": [ReportFigure(f"percentiles{key}", bars, caption("percentiles"))],
+        }
+        visible = visible_rows(against)
+        tables |= {
+            f"regions{key}": {"columns": _REGIONS, "rows": region_rows(own, against)},
+            f"visible{key}": {"columns": visible[0], "rows": visible[1:]},
+            f"numbers{key}": {"columns": _NUMBERS, "rows": measure_rows(own, against)},
+            f"reference{key}": {"columns": (name, "value"), "rows": reference_rows(against)},
+        }
+    if isinstance(comparison, JointComparison) and isinstance(reference, JointReference):
+        tables["poses"] = {"columns": _NUMBERS, "rows": pose_rows(comparison)}
+        if ranks := pose_percentile_rows(comparison, reference):
+            figures["poses"] = [ReportFigure("poses", percentiles_figure(ranks), caption("percentiles"))]
+    first, about = next(iter(alone.values()))
     context = {
-        "comparison": comparison,
-        "who": who_text(comparison, reference),
-        "finding": finding(comparison, reference),
-        "remarks": [text for text in comparison.remarks if text not in comparison.cautions],
-        "nearest": nearest_controls_text(comparison, reference),
+        "who": who_text(first, about),
+        "findings": findings(comparison, reference),
+        "cautions": _remarks(alone, cautions=True),
+        "remarks": _remarks(alone, cautions=False),
+        "items": items,
+        "poses": isinstance(comparison, JointComparison),
         "groups": [group_sentence(row) for row in groups],
         "group_caution": GROUP_CAUTION,
-    }
-    maps = caption("patient", is_cut_off=bool(comparison.missing.any()))
-    figures = {
-        "maps": [
-            ReportFigure("maps", maps_figure(comparison), maps),
-            ReportFigure("wall", wall_figure(comparison), caption("wall")),
-        ],
-        "percentiles": [
-            ReportFigure("percentiles", percentiles_figure(comparison, reference), caption("percentiles"))
-        ],
-    }
-    visible = visible_rows(reference)
-    tables: dict[str, Mapping[str, Any]] = {
-        "regions": {"columns": _REGIONS, "rows": region_rows(comparison, reference)},
-        "visible": {"columns": visible[0], "rows": visible[1:]},
-        "numbers": {"columns": _NUMBERS, "rows": measure_rows(comparison, reference)},
-        "reference": {"columns": ("", "value"), "rows": reference_rows(reference)},
     }
     page = Page(f"Shape of {comparison.name} against a reference", NOTICE, footer=NOTICE)
     page.write(template_text("patient_text.jinja", context), figures, tables)
     return page
+
+
+def _remarks(alone: Mapping[str, tuple[PatientComparison, Reference]], *, cautions: bool) -> list[str]:
+    """Return the cautions or the other remarks on each structure."""
+    return [
+        f"{name}: {text}" if name else text
+        for name, (own, _) in alone.items()
+        for text in own.remarks
+        if (text in own.cautions) is cautions
+    ]
 
 
 def _summary(comparison: PatientComparison, reference: Reference) -> list[str | float | int | None]:

@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 
 from homolog.arrays import FloatArray
 from homolog.geometry import inverse_matrices
-from homolog.patient import Change, FollowUp, PatientComparison, Reference
+from homolog.patient import Change, FollowUp, PatientComparison
 from homolog.patient.findings import beyond_limit
 from homolog_app.pictures.layout import Panel, arrange, view_of_region
-from homolog_app.plots import draw_percentiles, new_figure
+from homolog_app.plots import PercentileRow, draw_percentiles, new_figure
 from homolog_app.rendering.camera import VIEWS, View, frame_around, three_quarter_view
 from homolog_app.rendering.colours import (
     LIGHT,
@@ -83,10 +83,10 @@ def change_figure(follow_up: FollowUp, change: Change, width: int = 400) -> Figu
     return arrange([row], row_labels=[change.name], limit=limit, theme=LIGHT)
 
 
-def percentiles_figure(comparison: PatientComparison, reference: Reference) -> Figure:
-    """Draw the patient's global numbers among those of the controls."""
-    figure = new_figure(6.6, 2.6, colours := page_colours(LIGHT))
-    draw_percentiles(figure.subplots(4, 1), comparison, reference, colours)
+def percentiles_figure(rows: Sequence[PercentileRow]) -> Figure:
+    """Draw the patient's numbers among those of the controls."""
+    figure = new_figure(6.6, 0.65 * len(rows), colours := page_colours(LIGHT))
+    draw_percentiles(figure.subplots(len(rows), 1), rows, colours)
     return figure
 
 

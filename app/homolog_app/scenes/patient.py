@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.cohort import Subject
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.progress import Tick
-from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.mesh import TriangleMesh, joined
 from homolog_app.rendering.colours import ColourScale, displacement_scale, thickness_scale
 from homolog_app.rendering.content import Content, ViewContents
 from homolog_app.rendering.text import signed, typeset
@@ -19,19 +19,21 @@ from homolog_app.scenes.shapes import region_border
 
 if TYPE_CHECKING:
     from homolog.io.images import Segmentation
-    from homolog.patient import PatientComparison, Reference, Region
+    from homolog.patient import JointComparison, JointReference, PatientComparison, Reference, Region
     from homolog_app.scenes.slices import SliceScene
 
 __all__ = [
     "EXPECTED",
     "MEAN",
     "WALL",
+    "ComparedFile",
     "ComparedPatient",
     "PatientDisplay",
     "Z",
     "about_texts",
     "compared",
     "finding_text",
+    "joint_scene",
     "nearest_text",
     "on_own_surface",
     "on_patient",
@@ -41,13 +43,16 @@ __all__ = [
 ]
 
 
-def finding_text(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
+def finding_text(
+    comparison: "PatientComparison | JointComparison | None",
+    reference: "Reference | JointReference | None",
+) -> str:
     """Describe the findings; an empty text without a patient."""
     if comparison is None or reference is None:
         return ""
-    from homolog.patient.findings import finding
+    from homolog.patient.findings import findings
 
-    return typeset(finding(comparison, reference))
+    return typeset("\n\n".join(f"{text[:1].upper()}{text[1:]}" for text in findings(comparison, reference)))
 
 
 def nearest_text(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
@@ -59,15 +64,13 @@ def nearest_text(comparison: "PatientComparison | None", reference: "Reference |
     return nearest_controls_text(comparison, reference)
 
 
-def about_texts(reference: "Reference | None") -> tuple[str, str]:
+def about_texts(reference: "Reference | JointReference | None") -> tuple[str, str]:
     """Return a description of the reference, or how to make one, and the cautions about it."""
     if reference is None:
         return "No reference yet. Make one from this result or open a file.", ""
     from homolog.patient.findings import reference_text
 
-    lines = [
-        f"{line[:1].upper()}{line[1:]}." for line in reference_text(replace(reference, scores=None, names=()))
-    ]
+    lines = [f"{line[:1].upper()}{line[1:]}." for line in reference_text(reference.anonymous())]
     cautions = [line for line in lines if line.startswith("Caution")]
     return "\n".join(line for line in lines if line not in cautions), "\n".join(cautions)
 
@@ -105,12 +108,96 @@ class PatientDisplay:
     only_beyond: bool
 
 
-def patient_scene(
-    comparison: "PatientComparison", reference: "Reference", look: PatientDisplay
+def joint_scene(
+    comparison: "JointComparison", reference: "JointReference", look: PatientDisplay
 ) -> ViewContents:
-    """Return the contents of the views."""
+    """Return the contents of the views with all structures as they lie in the patient.
+
+    The mean's structures lie as the reference expects them to lie to each other.
+    """
+    alone = {name: (own, reference.structures[name]) for name, own in comparison.structures.items()}
+    widest = max((_scale(*pair, look.kind)[0] for pair in alone.values()), key=lambda scale: scale.high)
+    scenes = [patient_scene(*pair, look, widest) for pair in alone.values()]
+    usual = [_to_expected(name, comparison, reference) for name in alone]
+    ways = [look.way] if look.count == 1 else [0.0, 1.0, 1.0, look.way]
+    lead = comparison.structures[reference.poses[0].against if reference.poses else next(iter(alone))]
+    contents = []
+    for place, way in enumerate(ways):
+        parts = [
+            _moved(scene.contents[place], lead.placement, pose, way)
+            for scene, pose in zip(scenes, usual, strict=True)
+        ]
+        contents.append(_together(list(alone), parts, comparison.name))
+    return replace(scenes[0], contents=contents)
+
+
+def _to_expected(name: str, comparison: "JointComparison", reference: "JointReference") -> FloatArray:
+    """Return the motion (4, 4) of a patient's structure to where the reference expects it, in the file."""
+    norm = next((item for item in reference.poses if item.structure == name), None)
+    if norm is None or norm.against not in comparison.structures:
+        return np.eye(4)
+    own, lead = comparison.structures[name], comparison.structures[norm.against]
+    columns, _ = reference.first.coding.columns(own.covariates)
+    return np.asarray(inverse_matrices(lead.placement) @ norm.expected(columns) @ own.placement)
+
+
+def _moved(content: Content, frame: FloatArray, motion: FloatArray, way: float) -> Content:
+    """Return the view of a structure in a common frame, part of the way from its expected pose."""
+    drawn = content.groomed or content.raw
+    assert drawn is not None, "a patient's views have a surface"
+
+    def placed(mesh: TriangleMesh | None, way: float) -> TriangleMesh | None:
+        return None if mesh is None else mesh.placed(_part_of_motion(motion, drawn, 1.0 - way))
+
+    lines = content.lines
+    if lines is not None:
+        place = frame @ _part_of_motion(motion, drawn, 1.0 - way) @ inverse_matrices(content.alignment)
+        lines = transform_points(place, lines)
+    raw = placed(content.raw, 0.0 if content.overlaid else way)
+    return replace(content, raw=raw, groomed=placed(content.groomed, way), alignment=frame, lines=lines)
+
+
+def _part_of_motion(motion: FloatArray, mesh: TriangleMesh, share: float) -> FloatArray:
+    """Return a share of a rigid motion (4, 4), in which the centre of a surface moves straight."""
+    from scipy.spatial.transform import Rotation
+
+    centre, part = mesh.vertices.mean(axis=0), np.eye(4)
+    turn = Rotation.from_matrix(motion[:3, :3]).as_rotvec()
+    part[:3, :3] = Rotation.from_rotvec(share * turn).as_matrix()
+    part[:3, 3] = centre - part[:3, :3] @ centre
+    part[:3, 3] += share * (transform_points(motion, centre[None])[0] - centre)
+    return part
+
+
+def _together(names: Sequence[str], parts: Sequence[Content], title: str) -> Content:
+    """Return the views of several structures in one frame as one."""
+    first = parts[0]
+    whole: dict[str, Any] = {}
+    for name in ("raw", "groomed"):
+        meshes = [mesh for part in parts if (mesh := getattr(part, name)) is not None]
+        whole[name] = joined(meshes) if len(meshes) == len(parts) else None
+    colours = [part.colours for part in parts if part.colours is not None]
+    lines = [part.lines for part in parts if part.lines is not None]
+    return replace(
+        first,
+        **whole,
+        note=first.note if all(part.note == first.note for part in parts) else title,
+        colours=np.concatenate(colours) if len(colours) == len(parts) else None,
+        lines=np.concatenate(lines) if lines else None,
+        structures=dict.fromkeys(names, 0),
+    )
+
+
+def patient_scene(
+    comparison: "PatientComparison",
+    reference: "Reference",
+    look: PatientDisplay,
+    common: ColourScale | None = None,
+) -> ViewContents:
+    """Return the contents of the views, with a scale that is common to several structures if there is one."""
     kind, count, only_beyond = look.kind, look.count, look.only_beyond
     scale, values = _scale(comparison, reference, kind)
+    scale = common or scale
     beyond = np.abs(comparison.z) > reference.limit
     faded, grey = comparison.missing, ["cut off"] if comparison.missing.any() else []
     if only_beyond and kind != MEAN:
@@ -227,19 +314,48 @@ class ComparedPatient:
     voxels: "Segmentation | None"
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ComparedFile:
+    """A patient's file that was compared.
+
+    Attributes
+    ----------
+    comparison : PatientComparison or JointComparison
+    parts : mapping of str to ComparedPatient
+        By structure; that of a single one has no name.
+    """
+
+    comparison: "PatientComparison | JointComparison"
+    parts: Mapping[str, ComparedPatient]
+
+
 def compared(
-    reference: "Reference", path: Path, values: Mapping[str, str], cut_off: bool, tick: Tick
-) -> ComparedPatient:
+    reference: "Reference | JointReference",
+    path: Path,
+    values: Mapping[str, str],
+    cut_off: bool,
+    tick: Tick,
+) -> ComparedFile:
     """Compare a patient's file with a reference; raises InputError if it can't be compared."""
-    from homolog.patient import compare_patient
+    from homolog.patient import JointReference, compare_joint_patient, compare_patient
     from homolog.patient.files import patient_at
+    from homolog.patient.findings import pairs_of
     from homolog_app.scenes.file_survey import survey_subject
 
-    subject = patient_at(path)
-    comparison = compare_patient(reference, subject, values, cut_off=cut_off, tick=tick)
-    places = [region_place(comparison, region) for region in comparison.regions]
-    survey = survey_subject(subject, reference.provenance.groom)
-    return ComparedPatient(comparison, subject, places, subject.image, survey.voxels)
+    comparison: PatientComparison | JointComparison
+    if isinstance(reference, JointReference):
+        subject = patient_at(path, reference.files)
+        values = {**values, **subject.columns}
+        comparison = compare_joint_patient(reference, subject, values, cut_off=cut_off, tick=tick)
+    else:
+        subject = patient_at(path)
+        comparison = compare_patient(reference, subject, values, cut_off=cut_off, tick=tick)
+    parts = {}
+    for name, (own, against) in pairs_of(comparison, reference).items():
+        places = [region_place(own, region) for region in own.regions]
+        voxels = survey_subject(subject, against.provenance.groom).voxels
+        parts[name] = ComparedPatient(own, subject, places, subject.image, voxels)
+    return ComparedFile(comparison, parts)
 
 
 def patient_slices(compared: ComparedPatient, reference: "Reference") -> "SliceScene":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from os import PathLike
 
 from homolog.api.inputs import cohort_of
@@ -11,9 +12,18 @@ from homolog.errors import InputError, path_of
 from homolog.grooming import GroomedSubject, groom_subject
 from homolog.grooming.subject import check_source, groom
 from homolog.io.project import ProjectFolder
-from homolog.patient import PatientComparison, Reference, compare_groomed
-from homolog.patient.build import make_reference as _make
-from homolog.progress import Tick, part_of, run_in_background, tick_of
+from homolog.patient import (
+    JointComparison,
+    JointReference,
+    PatientComparison,
+    Reference,
+    compare_groomed,
+    compare_joint_patient,
+    read_reference,
+)
+from homolog.patient import make_reference as _make
+from homolog.patient.files import patient_at
+from homolog.progress import part_of, run_in_background, tick_of
 
 __all__ = ["compare_patient", "make_reference"]
 
@@ -27,11 +37,11 @@ def make_reference(
     time: str = "time",
     workers: int | None = None,
     callback: Callable[[float, str], object] | None = None,
-) -> Reference:
+) -> Reference | JointReference:
     """Freeze the shape model of a project's controls, as ``homolog reference`` does.
 
-    Each control is fitted as a patient to the model of the others, so that limits and percentiles hold for
-    new subjects.
+    Of several structures, each has its reference, to which belongs how they lie to each other. Each control is
+    fitted as a patient to the model of the others, so that limits and percentiles hold for new subjects.
 
     Parameters
     ----------
@@ -53,7 +63,7 @@ def make_reference(
 
     Returns
     -------
-    Reference
+    Reference or JointReference
 
     Raises
     ------
@@ -82,7 +92,7 @@ def make_reference(
 
 
 def compare_patient(
-    reference: Reference | str | PathLike[str],
+    reference: Reference | JointReference | str | PathLike[str],
     shape: object,
     covariates: Mapping[str, object] | None = None,
     *,
@@ -90,17 +100,18 @@ def compare_patient(
     voxel_size: float | Sequence[float] | None = None,
     force: bool = False,
     callback: Callable[[float, str], object] | None = None,
-) -> PatientComparison:
+) -> PatientComparison | JointComparison:
     """Compare one shape with a reference: how unusual it is, and where.
 
     For research use only; not for diagnosis.
 
     Parameters
     ----------
-    reference : Reference or path
+    reference : Reference, JointReference or path
         Result of `make_reference`, or its file.
-    shape : path, mesh, image or array
-        A shape as in `correspond`; it is groomed with the settings of the controls.
+    shape : path, mesh, image or array, or dict of these by structure
+        A shape as in `correspond`; it is groomed with the settings of the controls. Of several structures, a
+        label map, a folder with a file for each, or a dict of shapes.
     covariates : mapping of str to value, optional
         The patient's values of the covariates of the reference.
     side : str
@@ -114,7 +125,7 @@ def compare_patient(
 
     Returns
     -------
-    PatientComparison
+    PatientComparison or JointComparison
 
     Raises
     ------
@@ -126,19 +137,36 @@ def compare_patient(
     ----------
     docs/patient.md describes the method and names its sources; docs/examples/one_patient.py is an example.
     """
-    if not isinstance(reference, Reference):
-        reference = Reference.load(reference)
+    known = reference if isinstance(reference, Reference | JointReference) else read_reference(reference)
     values = {name: str(value) for name, value in (covariates or {}).items()}
-    reference.coding.columns(values)  # refuses invalid values before the computation
-    settings, tick = reference.provenance.groom, tick_of(callback)
-    cohort, sources = cohort_of([shape], voxel_size, settings)
-    (subject,) = cohort.subjects
+    known.first.coding.columns(values)  # refuses invalid values before the computation
+    tick = tick_of(callback)
+    compared = part_of(tick, 0.3, 1.0)
 
-    def work(_: Tick) -> GroomedSubject:
+    def groomed(given: object, own: Reference) -> GroomedSubject:
+        settings = own.provenance.groom
+        cohort, sources = cohort_of([given], voxel_size, settings)
+        (subject,) = cohort.subjects
         source = sources.get(subject.name)
         if source is None:
             return groom_subject(subject, settings)
         return groom(subject.name, check_source(source, settings, subject.name), settings)
 
-    groomed = run_in_background(work, part_of(tick, 0.0, 0.3), "grooming")
-    return compare_groomed(reference, groomed, values, side=side, force=force, tick=part_of(tick, 0.3, 1.0))
+    def work(make: Callable[[], GroomedSubject]) -> GroomedSubject:
+        return run_in_background(lambda _: make(), part_of(tick, 0.0, 0.3), "grooming")
+
+    if isinstance(known, Reference):
+        alone = work(lambda: groomed(shape, known))
+        return compare_groomed(known, alone, values, side=side, force=force, tick=compared)
+    if isinstance(shape, str | PathLike):
+        patient = patient_at(path_of(shape), known.files)
+        return compare_joint_patient(known, patient, values, side=side, force=force, tick=compared)
+    given = shape if isinstance(shape, Mapping) else dict.fromkeys(known.structures, shape)
+    if unknown := [str(name) for name in given if name not in known.structures]:
+        raise InputError(f"{', '.join(unknown)}: is none of {', '.join(known.structures)}")
+    parts = {
+        name: work(partial(groomed, given[name], own))
+        for name, own in known.structures.items()
+        if given.get(name) is not None
+    }
+    return compare_joint_patient(known, parts, values, side=side, force=force, tick=compared)

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -27,7 +27,14 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.run.fingerprints import versions
 from homolog.statistics.parallel import parallel_analysis
 
-__all__ = ["FEWEST", "make_reference", "reference_of", "scores_of_points"]
+__all__ = [
+    "FEWEST",
+    "Fitted",
+    "fit_reference",
+    "make_single_reference",
+    "reference_of",
+    "scores_of_points",
+]
 
 FEWEST = 8
 """Controls."""
@@ -37,7 +44,33 @@ _NEAR = 0.3  # particle spacings
 _COLUMN = "group"
 
 
-def make_reference(
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    """A reference, with what of its controls is used for several structures.
+
+    Attributes
+    ----------
+    reference : Reference
+    names : tuple of str
+        Of M controls.
+    columns : (M, c) array
+        Their covariates.
+    poses : (M, 4, 4) array
+        From their own frames to that of the reference, fitted as patients.
+    """
+
+    reference: Reference
+    names: tuple[str, ...]
+    columns: FloatArray
+    poses: FloatArray
+
+
+def make_single_reference(project: ProjectFolder, **choices: Any) -> Reference:  # noqa: ANN401
+    """Freeze a model of a project's controls; as `fit_reference`, of the reference alone."""
+    return fit_reference(project, **choices).reference
+
+
+def fit_reference(
     project: ProjectFolder,
     *,
     group: str | None = None,
@@ -50,7 +83,7 @@ def make_reference(
     result: Result | None = None,
     workers: int | None = None,
     tick: Tick = no_tick,
-) -> Reference:
+) -> Fitted:
     """Freeze a model of a project's controls, and fit each control as a patient.
 
     Parameters
@@ -77,7 +110,7 @@ def make_reference(
 
     Returns
     -------
-    Reference
+    Fitted
 
     Raises
     ------
@@ -88,9 +121,6 @@ def make_reference(
     record = project.read().result
     if record is None:
         raise InputError(f"{project.folder}: has no result; run it first")
-    if record.structures:
-        alone = project.structure(record.structures[0].name).folder
-        raise InputError(f"{project.folder}: has several structures; make a reference of each alone: {alone}")
     if record.ended == IMPORTED:
         raise InputError(
             f"{project.folder}: its model was imported, and the grooming of its surfaces is "
@@ -110,19 +140,19 @@ def make_reference(
         )
     controls = read_controls(project, result, chosen, part_of(tick, 0.0, 0.15), later=later)
     about = _provenance(project, record, result, chosen, group)
-    reference = reference_of(
+    reference, left_out = _fit_controls(
         controls,
         coding,
         columns,
         about,
-        between="" if twice is None else twice.between,
-        workers=workers,
-        tick=part_of(tick, 0.15, 1.0),
+        "" if twice is None else twice.between,
+        workers,
+        part_of(tick, 0.15, 1.0),
     )
-    if not (scores or names):
-        return reference
-    own = scores_of_points(reference.model, controls.points, columns)[:, : reference.modes]
-    return replace(reference, scores=own, names=controls.names if names else ())
+    if scores or names:
+        own = scores_of_points(reference.model, controls.points, columns)[:, : reference.modes]
+        reference = replace(reference, scores=own, names=controls.names if names else ())
+    return Fitted(reference, controls.names, columns, left_out.poses)
 
 
 def reference_of(
@@ -155,6 +185,19 @@ def reference_of(
     -------
     Reference
     """
+    return _fit_controls(controls, coding, columns, provenance, between, workers, tick)[0]
+
+
+def _fit_controls(
+    controls: Controls,
+    coding: Coding,
+    columns: FloatArray,
+    provenance: Provenance,
+    between: str,
+    workers: int | None,
+    tick: Tick,
+) -> tuple[Reference, LeftOut]:
+    """Make a reference from loaded controls, and return their fits too."""
     modes, fitted = _modes(controls, columns, part_of(tick, 0.0, 0.1))
     left_out = fit_left_out(controls, columns, modes, fitted, workers=workers, tick=part_of(tick, 0.1, 0.95))
     tick(0.95, "limits")
@@ -165,10 +208,10 @@ def reference_of(
     farthest = np.argsort([-item.outside for item in left_out.measures], kind="stable")
     unlike = farthest[: len(made.unlike_distances)].tolist()
     made = replace(made, unlike=tuple(controls.names[index] for index in unlike))
-    if not controls.later:
-        return made
-    change = ExpectedChange.of(left_out.changes, left_out.volumes, controls.surface, between)
-    return replace(made, change=change)
+    if controls.later:
+        change = ExpectedChange.of(left_out.changes, left_out.volumes, controls.surface, between)
+        made = replace(made, change=change)
+    return made, left_out
 
 
 def scores_of_points(model: SurfaceModel, points: FloatArray, columns: FloatArray) -> FloatArray:

@@ -29,7 +29,7 @@ from homolog.surfaces.mirroring import MIRROR
 from homolog.surfaces.simplify import simplified
 from homolog.threads import on_one_thread
 
-__all__ = ["PatientComparison", "compare_groomed", "compare_patient"]
+__all__ = ["PatientComparison", "compare_groomed", "compare_patient", "named_direction"]
 
 _DIRECTIONS = (("right", "left"), ("anterior", "posterior"), ("inferior", "superior"))
 _CLEAR = 0.45
@@ -130,7 +130,7 @@ class PatientComparison:
     def place(self, region: Region) -> str:
         """Return the location of a region's centre on the patient, as text: ``"left anterior"`` (LPS)."""
         middle = self.mesh.vertices.mean(axis=0)
-        return _named(self.position(region) - middle)
+        return named_direction(self.position(region) - middle)
 
     def position(self, region: Region) -> FloatArray:
         """Return a region's centre in the file's frame [mm], (3,)."""
@@ -299,7 +299,7 @@ def _fit(
     flat = flat_ends(groomed, mesh, fit, expected, apart, ends)
     if flat and not cut_off:
         rest = fit_rest(reference, mesh, coarse, columns, flat, fit)
-        remarks = flat_remarks(rest, [_named(turn[:3, :3].T @ end.direction) for end in flat])
+        remarks = flat_remarks(rest, [named_direction(turn[:3, :3].T @ end.direction) for end in flat])
     if cut_off and not flat:
         remarks = ["has no flat end beyond which the reference expects more; it was compared as a whole"]
     cut = fit_rest(reference, mesh, coarse, columns, [*ends, *(flat if cut_off else [])], fit)
@@ -329,7 +329,7 @@ def _regions(reference: Reference, fit: SurfaceFit, maps: FloatArray, z: FloatAr
     return regions(surface, surface.vertex_areas, fit.residual, z, fit.met, reference.limit, thicker)
 
 
-def _named(way: FloatArray) -> str:
+def named_direction(way: FloatArray) -> str:
     """Return the anatomical directions of a vector (3,): ``"left anterior"`` (LPS)."""
     way = way / max(float(np.linalg.norm(way)), 1e-9)
     named = [

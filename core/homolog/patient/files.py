@@ -1,27 +1,43 @@
 """Files of patients."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from homolog.cohort import TABLE_SUFFIXES, Subject, is_series, read_cohort, subject_at, suffix_of
+from homolog.cohort import (
+    TABLE_SUFFIXES,
+    Subject,
+    is_series,
+    read_cohort,
+    structures_in,
+    subject_at,
+    suffix_of,
+)
 from homolog.errors import InputError
+from homolog.io.label_names import same_name
 from homolog.patient.reference import Reference
 from homolog.settings import GroomSettings
 
 __all__ = ["patient_at", "patients_of", "with_label"]
 
 
-def patient_at(path: Path) -> Subject:
-    """Return the patient of a file; raises InputError if it contains several."""
-    subjects = patients_of([path])
+def patient_at(path: Path, structures: Collection[str] = ()) -> Subject:
+    """Return the patient of a file, as `patients_of`; raises InputError if it contains several."""
+    subjects = patients_of([path], structures)
     if len(subjects) != 1:
         raise InputError(f"{path}: contains {len(subjects)} subjects; choose one file")
     return subjects[0]
 
 
-def patients_of(files: Sequence[Path]) -> tuple[Subject, ...]:
+def patients_of(files: Sequence[Path], structures: Collection[str] = ()) -> tuple[Subject, ...]:
     """Return the patients of files, folders and tables.
+
+    Parameters
+    ----------
+    files : sequence of Path
+    structures : collection of str
+        The structures of the reference, if there are several: a folder that has a file of one of them is a
+        single patient.
 
     Raises
     ------
@@ -33,7 +49,10 @@ def patients_of(files: Sequence[Path]) -> tuple[Subject, ...]:
         if not path.exists():
             raise InputError(f"{path}: does not exist; correct the path")
         table = path.is_file() and suffix_of(path) in TABLE_SUFFIXES
-        if table or (path.is_dir() and not is_series(path)):
+        inside = structures_in(path) if structures and path.is_dir() else {}
+        if any(same_name(name, own) for name in structures for own in inside):
+            subjects.append(subject_at(path))
+        elif table or (path.is_dir() and not is_series(path)):
             subjects += read_cohort(path).subjects
         else:
             subjects.append(subject_at(path))

@@ -9,9 +9,10 @@ from homolog.arrays import BoolArray
 from homolog.errors import InputError, NumericalError
 from homolog.geometry import rms_radius
 from homolog.patient.checks import control_remarks
-from homolog.patient.compare import PatientComparison
+from homolog.patient.compare import PatientComparison, named_direction
 from homolog.patient.distribution import Percentile
 from homolog.patient.follow_up import Change, FollowUp
+from homolog.patient.joint import JointComparison, JointReference, PatientPose
 from homolog.patient.local import BEST_WIDTHS, Region
 from homolog.patient.reference import Reference
 from homolog.patient.typicality import Typicality, typicality
@@ -24,11 +25,16 @@ __all__ = [
     "change_sentence",
     "change_sentences",
     "finding",
+    "findings",
     "group_rows",
     "group_sentence",
+    "joint_finding",
     "limit_text",
     "measure_rows",
     "nearest_controls_text",
+    "pairs_of",
+    "pose_rows",
+    "pose_sentence",
     "reference_rows",
     "reference_text",
     "region_rows",
@@ -72,8 +78,10 @@ def _day() -> str:
     return f"Report of {datetime.now(UTC).date().isoformat()}."
 
 
-def reference_text(reference: Reference) -> list[str]:
-    """Describe a reference in a few lines."""
+def reference_text(reference: Reference | JointReference) -> list[str]:
+    """Describe a reference of one or several structures in a few lines."""
+    if isinstance(reference, JointReference):
+        return _joint_reference_text(reference)
     about, quality = reference.provenance, reference.quality
     lines = [
         f"{about.controls} controls{f' ({about.group})' if about.group else ''} of {about.project}, "
@@ -172,6 +180,80 @@ def finding(comparison: PatientComparison, reference: Reference) -> str:
         f"{reference.quality.limit_mm:.1f} mm ({least:.1f} to {most:.1f} by place), or a wall thinner by "
         f"{-100.0 * np.expm1(-float(thickness.mean())):.0f} %."
     )
+
+
+def pairs_of(
+    comparison: PatientComparison | JointComparison, reference: Reference | JointReference
+) -> dict[str, tuple[PatientComparison, Reference]]:
+    """Return the comparison of each structure with its reference; that of a single one without a name."""
+    if isinstance(comparison, PatientComparison):
+        assert isinstance(reference, Reference), "a reference of a single structure"
+        return {"": (comparison, reference)}
+    assert isinstance(reference, JointReference), "a reference of several structures"
+    return {name: (own, reference.structures[name]) for name, own in comparison.structures.items()}
+
+
+def findings(
+    comparison: PatientComparison | JointComparison, reference: Reference | JointReference
+) -> list[str]:
+    """Summarize a comparison of one or several structures, in one sentence for each."""
+    if isinstance(comparison, JointComparison) and isinstance(reference, JointReference):
+        return joint_finding(comparison, reference)
+    return [finding(*pair) for pair in pairs_of(comparison, reference).values()]
+
+
+def joint_finding(comparison: JointComparison, reference: JointReference) -> list[str]:
+    """Summarize the comparison of several structures: a sentence for each, and for each pose."""
+    lines = [
+        f"{name}: {finding(own, reference.structures[name])}" for name, own in comparison.structures.items()
+    ]
+    lines += [pose_sentence(pose, reference) for pose in comparison.poses]
+    return [*lines, *(f"{name} could not be compared: {text}" for name, text in comparison.problems.items())]
+
+
+def pose_sentence(pose: PatientPose, reference: JointReference) -> str:
+    """Tell how a structure lies to another one."""
+    norm = next(item for item in reference.poses if item.structure == pose.structure)
+    axis, way = named_direction(pose.rotation), named_direction(pose.translation)
+    turned = _rank(pose.turn, len(norm.turns), "farther", "nearer")
+    moved = _rank(pose.shift, len(norm.shifts), "farther", "nearer")
+    return (
+        f"{pose.structure} against {pose.against}: turned by {pose.angle:.1f}° about the axis to "
+        f"{axis} ({turned}) and shifted by {pose.distance:.1f} mm to {way} ({moved}), relative to the "
+        f"{'expected' if reference.first.coding.names else 'mean'} pose."
+    )
+
+
+def pose_rows(comparison: JointComparison) -> list[tuple[str, str, str, str]]:
+    """Return the numbers of the poses: name, value, percentile with interval, p."""
+    rows = []
+    for pose in comparison.poses:
+        turn, shift = (
+            ", ".join(f"{value:+.1f}" for value in item.tolist())
+            for item in (pose.rotation, pose.translation)
+        )
+        name = f"{pose.structure} against {pose.against}"
+        rows += [
+            (f"Turn of {name}", f"{pose.angle:.1f}° ({turn}), {pose.turn.value:.1f} SD", pose.turn),
+            (f"Shift of {name}", f"{pose.distance:.1f} mm ({shift}), {pose.shift.value:.1f} SD", pose.shift),
+        ]
+    return [(name, value, _percent_text(item), f"{item.p:.2g}") for name, value, item in rows]
+
+
+def _joint_reference_text(reference: JointReference) -> list[str]:
+    """Describe a reference of several structures in a few lines."""
+    lines = [
+        f"{'caution: ' if line.startswith('caution') else ''}{name}: {line.removeprefix('caution: ')}"
+        for name, own in reference.structures.items()
+        for line in reference_text(own)
+    ]
+    for norm in reference.poses:
+        turn, shift = (np.sqrt(np.trace(item)) for item in norm.covariances)
+        lines.append(
+            f"{norm.structure} against {norm.against}: controls differ by {turn:.1f}° and {shift:.1f} mm "
+            f"(root mean square, {len(norm.turns)} controls)"
+        )
+    return lines
 
 
 def _rank(size: Percentile, controls: int, above: str, below: str) -> str:

@@ -74,6 +74,8 @@ class LeftOut:
         Ratios of `Measures.gap` of the mirror image to that of the control itself.
     borders : (k, 3) array
         Unit vectors out of the images where controls touch the border, in the frames of their models.
+    poses : (M, 4, 4) array
+        From the frames of `Controls.meshes` to those of the models.
     """
 
     measures: tuple[Measures, ...]
@@ -84,10 +86,11 @@ class LeftOut:
     volumes: FloatArray
     mirrored: FloatArray
     borders: FloatArray
+    poses: FloatArray
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("maps", "totals", "errors", "changes", "volumes", "mirrored", "borders"):
+        for name in ("maps", "totals", "errors", "changes", "volumes", "mirrored", "borders", "poses"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
 
@@ -217,10 +220,13 @@ def fit_left_out(
         ),
         np.array([item[5] for item in done]),
         np.concatenate([item[6] for item in done]),
+        np.stack([item[7] for item in done]),
     )
 
 
-_Fitted = tuple[Measures, FloatArray, FloatArray, FloatArray, FloatArray | None, float, FloatArray]
+_Fitted = tuple[
+    Measures, FloatArray, FloatArray, FloatArray, FloatArray | None, float, FloatArray, FloatArray
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -276,6 +282,7 @@ def _fitted(job: _Job) -> _Fitted:
         _changed(job, model, fit),
         image / measures.gap,
         borders,
+        fit.pose,
     )
 
 

@@ -22,10 +22,12 @@ from homolog.patient.provenance import Provenance, Quality
 from homolog.patient.surface_model import SurfaceModel
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Reference", "check_name"]
+__all__ = ["FORMAT_VERSION", "SEVERAL", "Reference", "arrays_of", "check_name"]
 
 SUFFIX = ".npz"
 FORMAT_VERSION = 3
+SEVERAL = "homolog-reference-structures"
+"""Format of a reference of several structures."""
 
 _UNLIKE = 2.5
 """Ratio of a left-out control's distance from its fit to the median; above it, the control is an outlier."""
@@ -119,6 +121,11 @@ class Reference:
                 object.__setattr__(self, name, frozen(array, np.float64))
         for name in (*_DISTRIBUTIONS, *([] if self.mirrored is None else ["mirrored"])):
             object.__setattr__(self, name, frozen(np.sort(getattr(self, name)), np.float64))
+
+    @property
+    def first(self) -> "Reference":
+        """The reference itself; of several structures, that of the first."""
+        return self
 
     @property
     def surface(self) -> TriangleMesh:
@@ -235,6 +242,11 @@ class Reference:
             If the name has another suffix, or the file can't be written.
         """
         check_name(path)
+        write_arrays(path_of(path), self.stored)
+
+    @property
+    def stored(self) -> dict[str, Any]:
+        """All arrays of its file, by name, with a record in JSON."""
         record = {
             "format": "homolog-reference",
             "version": FORMAT_VERSION,
@@ -250,7 +262,7 @@ class Reference:
         }
         optional = {name: getattr(self, name) for name in ("scores", "mirrored", "borders")}
         kept = {name: array for name, array in optional.items() if array is not None}
-        write_arrays(path_of(path), {**self._arrays(), **kept, "record": np.array(json.dumps(record))})
+        return {**self._arrays(), **kept, "record": np.array(json.dumps(record))}
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "Reference":
@@ -262,14 +274,16 @@ class Reference:
             If the file is missing, damaged, not a reference, of a newer version, or of an older one that
             lacks required data.
         """
-        if path_of(path).is_dir():
-            raise InputError(f"{path}: is a folder; give a file that homolog reference wrote")
-        stored = read_arrays(path_of(path), "copy it again, or make it again (homolog reference)")
-        if "record" not in stored:
-            raise InputError(f"{path}: is not a reference; give a file that homolog reference wrote")
+        return cls.of_stored(arrays_of(path), path)
+
+    @classmethod
+    def of_stored(cls, stored: Mapping[str, Any], path: str | PathLike[str]) -> "Reference":
+        """Return the reference whose arrays were `stored` in a file; raises InputError as `load`."""
         record: dict[str, Any] = {}
         try:
             record = json.loads(str(stored["record"]))
+            if record["format"] == SEVERAL:
+                raise InputError(f"{path}: is of several structures; a reference of a single one is needed")
             if record["format"] != "homolog-reference":
                 raise InputError(f"{path}: is not a reference; give a file that homolog reference wrote")
             if record["version"] > FORMAT_VERSION:
@@ -382,3 +396,13 @@ def check_name(path: str | PathLike[str]) -> None:
     """Raise InputError if a file's name is not that of a reference."""
     if path_of(path).suffix != SUFFIX:
         raise InputError(f"{path}: a reference is written as {SUFFIX}; choose such a name")
+
+
+def arrays_of(path: str | PathLike[str]) -> dict[str, Any]:
+    """Return all arrays of a reference's file; raises InputError if it is not one."""
+    if path_of(path).is_dir():
+        raise InputError(f"{path}: is a folder; give a file that homolog reference wrote")
+    stored = read_arrays(path_of(path), "copy it again, or make it again (homolog reference)")
+    if "record" not in stored:
+        raise InputError(f"{path}: is not a reference; give a file that homolog reference wrote")
+    return stored

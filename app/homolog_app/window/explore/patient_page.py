@@ -37,12 +37,14 @@ from homolog_app.scenes.patient import (
     EXPECTED,
     MEAN,
     WALL,
+    ComparedFile,
     ComparedPatient,
     PatientDisplay,
     Z,
     about_texts,
     compared,
     finding_text,
+    joint_scene,
     nearest_text,
     patient_scene,
     patient_slices,
@@ -84,14 +86,15 @@ from homolog_app.window.workspace import Workspace
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from homolog.patient import FollowUp, PatientComparison, Reference
+    from homolog.patient import FollowUp, JointComparison, JointReference, PatientComparison, Reference
     from homolog.patient.findings import GroupRow
+    from homolog_app.plots import PercentileRow
     from homolog_app.scenes.slices import SliceScene
 
 __all__ = ["FollowUpPart", "PatientForm", "PatientPage", "region_table", "remark_texts"]
 
 
-_HIGH = 232
+_HIGH = 58
 
 
 class PercentileBars(Plot):
@@ -101,30 +104,26 @@ class PercentileBars(Plot):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme, "The patient among the controls", "")
-        self._shown: tuple[PatientComparison, Reference] | None = None
+        self._rows: Sequence[PercentileRow] = ()
 
     @property
     def is_empty(self) -> bool:
         """Whether there is no patient."""
-        return self._shown is None
+        return not self._rows
 
-    def show_patient(self, comparison: "PatientComparison | None", reference: "Reference | None") -> None:
-        """Show a patient, or nothing."""
-        self._shown = None if comparison is None or reference is None else (comparison, reference)
-        self.setFixedHeight(0 if self._shown is None else scaled(_HIGH))
-        if self._shown is not None:
-            from homolog_app.plots import percentile_rows
-
-            texts = (f"{name}: {text}" for name, text, *_ in percentile_rows(*self._shown))
-            self.setAccessibleDescription("; ".join(texts))
+    def show_rows(self, rows: "Sequence[PercentileRow]") -> None:
+        """Show a patient's numbers, if any."""
+        self._rows = rows
+        self.setFixedHeight(scaled(_HIGH * len(rows)))
+        self.setAccessibleDescription("; ".join(f"{name}: {text}" for name, text, *_ in rows))
         self.redraw()
 
     def draw(self, figure: "Figure") -> None:
         """Draw the lines."""
         from homolog_app.plots import draw_percentiles
 
-        assert self._shown is not None
-        draw_percentiles(figure.subplots(4, 1), *self._shown, self.theme.colours)
+        axes = figure.subplots(len(self._rows), 1, squeeze=False)[:, 0]
+        draw_percentiles(axes, self._rows, self.theme.colours)
 
 
 _ABOVE = ("Controls", "Adjust for", "Repeated scans of", "Time")  # names of the reference's fields
@@ -159,8 +158,9 @@ class PatientForm(QFormLayout):
         side = {} if self.side is None else {SIDE_COLUMN: self.side.currentData()}
         return {**side, **{name: field.text() for name, field in self.fields.items()}}
 
-    def show_reference(self, reference: "Reference | None") -> None:
+    def show_reference(self, known: "Reference | JointReference | None") -> None:
         """Ask for the covariates of a reference; empty without one."""
+        reference = known if known is None else known.first
         while self.rowCount():
             self.removeRow(0)
         names = reference.coding.names if reference else ()
@@ -271,14 +271,28 @@ class FollowUpPart(QWidget):
         say(self.change, change_text(self.times) if self.times else "")
 
 
-def remark_texts(comparison: "PatientComparison | None") -> tuple[str, str]:
-    """Return the notes of grooming and the cautions of a comparison, one sentence per line."""
-    cautions = comparison.cautions if comparison else ()
-    notes = [text for text in comparison.remarks if text not in cautions] if comparison else []
-    first, second = (
-        "\n".join(f"{text[:1].upper()}{text[1:]}" for text in each) for each in (notes, cautions)
-    )
-    return first, second
+def remark_texts(comparisons: "Mapping[str, PatientComparison]") -> tuple[str, str]:
+    """Return the notes of grooming and the cautions of structures, one sentence per line."""
+    texts: tuple[list[str], list[str]] = [], []
+    for name, own in comparisons.items():
+        for text in own.remarks:
+            line = f"{name}: {text}" if name and len(comparisons) > 1 else text
+            texts[text in own.cautions].append(f"{line[:1].upper()}{line[1:]}")
+    return "\n".join(texts[0]), "\n".join(texts[1])
+
+
+def _rows(
+    alone: "tuple[PatientComparison, Reference] | None",
+    whole: "tuple[JointComparison, JointReference] | None",
+) -> "list[PercentileRow]":
+    """Return the numbers of one structure, or how several lie to each other."""
+    if alone is None and whole is None:
+        return []
+    from homolog_app.plots import percentile_rows, pose_percentile_rows
+
+    if alone is not None:
+        return percentile_rows(*alone)
+    return [] if whole is None else pose_percentile_rows(*whole)
 
 
 def _typical(
@@ -317,9 +331,9 @@ class PatientPage(ExplorePage):
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
         super().__init__(workspace, actions, fitted)
-        self.reference: Reference | None = None
-        self.comparison: PatientComparison | None = None
-        self._compared: ComparedPatient | None = None
+        self.reference: Reference | JointReference | None = None
+        self.comparison: PatientComparison | JointComparison | None = None
+        self._parts: Mapping[str, ComparedPatient] = {}
         self.places: list[tuple[FloatArray, FloatArray]] = []
         self.group, self._default = choice("Controls"), ""
         self.adjust = ColumnPicker("Columns to adjust for", "", lambda names: ", ".join(names) or "Nothing")
@@ -335,6 +349,8 @@ class PatientPage(ExplorePage):
         self.finding, self.notes, self.remarks = prose(), prose("FieldHelp"), prose("Problem")
         self.map = choice("Map", _MAPS)
         self.views: QComboBox = choice("Views", _VIEWS)
+        self.structure = choice("Structure")
+        self.structures = named_rows((("Structure", self.structure),))
         self.way = slider("From the mean to the patient", 0, _STEPS, value=_STEPS)
         self.percent = PercentEdit("Percent of the way from the mean to the patient", self.way)
         self.path = choice("From the mean to the patient", _PATHS)
@@ -356,6 +372,7 @@ class PatientPage(ExplorePage):
         ends = (label("mean", "FieldHelp"), (self.way, 1), label("patient", "FieldHelp"))
         self.answer = held(
             *(self.finding, self.notes, self.remarks),
+            self.structures,
             named_rows((("Map", self.map), ("Views", self.views), ("Morph", self.path))),
             [*ends, self.percent, label("%", "Unit")],
             *(self.overlaid, self.only_beyond, rule(), self.bars, self.nearest, self.regions, self.further),
@@ -377,6 +394,7 @@ class PatientPage(ExplorePage):
     def _connect(self) -> None:
         self.workspace.session.study_changed.connect(self._show_groups)
         self.regions.clicked.connect(self._go_to)
+        self.structure.activated.connect(self._show_structure)
         link(self._show_map, *(box.activated for box in (self.map, self.views, self.path)))
         self.further.changed.connect(self._show_change)
         link(self.shown_changed, self.way.valueChanged, self.only_beyond.toggled, self.overlaid.toggled)
@@ -405,25 +423,56 @@ class PatientPage(ExplorePage):
             return ViewContents(subjects)
         if self._change is not None:
             return change_scene(self._change, self.only_beyond.isChecked())
-        return patient_scene(
-            self.comparison,
-            self.reference,
-            PatientDisplay(
-                self.map.currentData(),
-                self.views.currentData(),
-                self.way.value() / _STEPS,
-                self.path.currentData(),
-                self.overlaid.isChecked(),
-                self.only_beyond.isChecked(),
-            ),
+        look = PatientDisplay(
+            self.map.currentData(),
+            self.views.currentData(),
+            self.way.value() / _STEPS,
+            self.path.currentData(),
+            self.overlaid.isChecked(),
+            self.only_beyond.isChecked(),
         )
+        if self._alone is not None:
+            return patient_scene(*self._alone, look)
+        whole = self._whole
+        assert whole is not None, "of several structures"
+        return joint_scene(*whole, look)
+
+    @property
+    def _alone(self) -> "tuple[PatientComparison, Reference] | None":
+        """The comparison and the reference of the structure that is shown; None if several or none are."""
+        if self.comparison is None or self.reference is None:
+            return None
+        from homolog.patient.findings import pairs_of
+
+        return pairs_of(self.comparison, self.reference).get(self.structure.currentData() or "")
+
+    @property
+    def _whole(self) -> "tuple[JointComparison, JointReference] | None":
+        """The comparison of several structures, if they are."""
+        comparison, reference = self.comparison, self.reference
+        if comparison is None:
+            return None
+        from homolog.patient import JointComparison, JointReference
+
+        if isinstance(comparison, JointComparison) and isinstance(reference, JointReference):
+            return comparison, reference
+        return None
+
+    @property
+    def _compared(self) -> ComparedPatient | None:
+        """The structure whose voxels are shown in slices: the chosen one, or the first."""
+        chosen = self._parts.get(self.structure.currentData() or "")
+        return chosen or next(iter(self._parts.values()), None)
 
     def sliced(self) -> "SliceScene | None":
         """Return the patient's scan or voxels, with the map as a contour."""
+        from homolog.patient.findings import pairs_of
+
         compared = self._compared
-        if compared is None or self.reference is None:
+        if compared is None or self.comparison is None or self.reference is None:
             return None
-        return patient_slices(compared, self.reference)
+        pairs = pairs_of(self.comparison, self.reference).values()
+        return patient_slices(compared, next(own for seen, own in pairs if seen is compared.comparison))
 
     @property
     def _change(self) -> "FollowUp | None":
@@ -433,9 +482,9 @@ class PatientPage(ExplorePage):
 
     def set_scan(self, name: str, path: Path) -> bool:
         """Take the patient's scan."""
-        if self._compared is None or name != self._compared.comparison.name:
+        if self.comparison is None or name != self.comparison.name:
             return False
-        self._compared = replace(self._compared, image=path)
+        self._parts = {key: replace(part, image=path) for key, part in self._parts.items()}
         self.shown_changed.emit()
         return True
 
@@ -461,8 +510,12 @@ class PatientPage(ExplorePage):
         columns, person, time = self.adjust.chosen, self.person.currentData(), self.time.currentData()
         loaded, study = self.workspace.session.part, self.workspace.session.study
         result = None if loaded is None else loaded.result.with_table_of(study.whole.subjects)
+        parts = {
+            name: part.result.with_table_of(study.whole.subjects)
+            for name, part in (loaded.parts if loaded is not None else {}).items()
+        }
 
-        def make(tick: Tick) -> "Reference":
+        def make(tick: Tick) -> "Reference | JointReference":
             from homolog.patient import make_reference
 
             return make_reference(
@@ -473,6 +526,7 @@ class PatientPage(ExplorePage):
                 time=time or "time",
                 names=True,
                 result=result,
+                parts=parts,
                 tick=tick,
             )
 
@@ -480,9 +534,9 @@ class PatientPage(ExplorePage):
 
     def open_reference(self, path: Path) -> None:
         """Read a reference; raises InputError if the file is not a reference."""
-        from homolog.patient import Reference
+        from homolog.patient import read_reference
 
-        self.set_reference(Reference.load(path))
+        self.set_reference(read_reference(path))
         self.workspace.session.page_changed.emit()
 
     def save_reference(self, path: Path) -> None:
@@ -490,7 +544,7 @@ class PatientPage(ExplorePage):
         if self.reference is not None:
             (self.reference if self.single.isChecked() else self.reference.anonymous()).save(path)
 
-    def set_reference(self, reference: "Reference") -> None:
+    def set_reference(self, reference: "Reference | JointReference") -> None:
         """Set the reference of further comparisons."""
         self.reference = reference
         self._receive(None)
@@ -516,40 +570,52 @@ class PatientPage(ExplorePage):
 
     def write(self, folder: Path) -> None:
         """Write the report, tables and surfaces to a new or empty folder."""
-        comparison, reference = self.comparison, self.reference
-        if comparison is None or reference is None:
+        whole, alone = self._whole, self._alone
+        if whole is None and alone is None:
             raise InputError("there is no patient yet; choose a patient's file first")
         times, groups = self.further.times, self.further.groups
         follow_up = times.follow_up if times is not None else None
 
         def write(tick: Tick) -> None:
             from homolog.io.atomic import replace_folder
-            from homolog_app.report.patient import write_patient, write_times
+            from homolog_app.report.patient import write_joint_patient, write_patient, write_times
 
             with replace_folder(folder) as part:
-                if follow_up is None:
-                    write_patient(part, comparison, reference, tick, groups)
-                else:
-                    write_times(part, follow_up, reference, tick, groups)
+                if whole is not None:
+                    write_joint_patient(part, *whole, tick)
+                elif follow_up is not None and alone is not None:
+                    write_times(part, follow_up, alone[1], tick, groups)
+                elif alone is not None:
+                    write_patient(part, *alone, tick, groups)
 
         message, noticed = f"Report written to {folder}", self.workspace.session.noticed
         self.workspace.work.compute("report", write, "writing the report", lambda _: noticed.emit(message))
 
-    def _receive(self, compared: ComparedPatient | None) -> None:
-        self._compared = compared
-        comparison = self.comparison = compared.comparison if compared else None
-        reference = self.reference
-        self.finding.setText(finding_text(comparison, reference))
-        for line, text in zip((self.notes, self.remarks), remark_texts(comparison), strict=True):
+    def _receive(self, file: ComparedFile | None) -> None:
+        self._parts = file.parts if file else {}
+        self.comparison = file.comparison if file else None
+        self.finding.setText(finding_text(self.comparison, self.reference))
+        several = {name: name for name in self._parts if name}
+        offer(self.structure, {"All structures": ""} | several if several else {})
+        self.structures.setVisible(bool(several))
+        self._show_structure()
+        if self.comparison is not None and self.reference is not None:
+            QTimer.singleShot(0, self, lambda: self.reveal(self.finding, at_top=True))
+
+    def _show_structure(self) -> None:
+        """Show what the chosen structure, or all, tell."""
+        alone, whole = self._alone, self._whole
+        chosen = {"": alone[0]} if alone else dict(whole[0].structures) if whole else {}
+        for line, text in zip((self.notes, self.remarks), remark_texts(chosen), strict=True):
             say(line, text)
-        self.bars.show_patient(comparison, reference)
-        say(self.nearest, nearest_text(comparison, reference))
-        self.further.set_patient(compared, reference, lambda: self.form.values)
-        show_all(comparison is not None and reference is not None, self.answer, self.save)
+        self.bars.show_rows(_rows(alone, whole))
+        say(self.nearest, nearest_text(*(alone or (None, None))))
+        single = self._compared if whole is None else None
+        self.further.set_patient(single, alone[1] if alone else None, lambda: self.form.values)
+        self.further.setVisible(whole is None)
+        show_all(self.comparison is not None and self.reference is not None, self.answer, self.save)
         self.show_state()
         self._show_change()
-        if comparison is not None and reference is not None:
-            QTimer.singleShot(0, self, lambda: self.reveal(self.finding, at_top=True))
 
     def _show_change(self) -> None:
         """Offer the map of changes if there are some, and choose it."""
@@ -563,19 +629,22 @@ class PatientPage(ExplorePage):
         self._show_map()
 
     def _show_map(self) -> None:
-        comparison, change = self.comparison, self._change
+        change = self._change
         morphs = (self.views, self.path, self.way, self.percent, self.overlaid)
-        enable_all(comparison is not None and change is None, *morphs)
+        enable_all(self.comparison is not None and change is None, *morphs)
         rows: list[tuple[str | float, ...]] = []
         self.places = []
         if change is not None:
             for item in change_regions(change):
                 rows.append((item.time, item.region.area, item.region.mean, "", item.region.z))
                 self.places.append((item.place, item.seen_from))
-        elif comparison is not None and self._compared is not None:
-            self.places = list(self._compared.places)
-            for number, region in enumerate(comparison.regions, start=1):
-                place = f"{number} {comparison.place(region)}".strip()
+        chosen = self.structure.currentData() or ""
+        for name, part in self._parts.items() if change is None else ():
+            if chosen not in (name, ""):
+                continue
+            self.places += part.places
+            for number, region in enumerate(part.comparison.regions, start=1):
+                place = f"{name} {number} {part.comparison.place(region)}".strip()
                 rows.append((place, region.area, region.mean, 100.0 * region.thicker, region.z))
         self.table.show_rows(rows)
         self.regions.setVisible(bool(rows))

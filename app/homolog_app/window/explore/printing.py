@@ -16,7 +16,7 @@ from homolog_app.window.widgets import ActionButton, held
 if TYPE_CHECKING:
     from PySide6.QtPrintSupport import QPrinter
 
-    from homolog.patient import PatientComparison, Reference
+    from homolog.patient import JointComparison, JointReference, PatientComparison, Reference
     from homolog.patient.findings import GroupRow
     from homolog_app.scenes.follow_up import PatientTimes
 
@@ -32,22 +32,24 @@ def report_buttons(actions: Actions) -> QWidget:
 
 
 def drawn_report(
-    comparison: "PatientComparison",
-    reference: "Reference",
+    comparison: "PatientComparison | JointComparison",
+    reference: "Reference | JointReference",
     groups: Sequence["GroupRow"],
     times: "PatientTimes | None",
     tick: Tick,
 ) -> list[Array]:
     """Return the pages of a patient's report as pictures (H, W, 3): two, and further ones of a follow-up."""
+    from homolog.patient.findings import pairs_of
     from homolog_app.report.follow_up import follow_up_page
     from homolog_app.report.patient import patient_page
     from homolog_app.report.sheets import drawn_sheets, sheets_of
 
     tick(0.0, "drawing the maps")
     sheets = sheets_of(patient_page(comparison, reference, groups))
-    if times is not None and times.follow_up is not None:
+    pair = pairs_of(comparison, reference).get("")
+    if pair is not None and times is not None and times.follow_up is not None:
         tick(0.3, "drawing the follow-up")
-        sheets += sheets_of(follow_up_page(times.follow_up, reference))
+        sheets += sheets_of(follow_up_page(times.follow_up, pair[1]))
     tick(0.6, "drawing the pages")
     return drawn_sheets(sheets, _DPI)
 
