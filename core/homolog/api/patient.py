@@ -40,7 +40,7 @@ def make_reference(
 ) -> Reference | JointReference:
     """Freeze the shape model of a project's controls, as ``homolog reference`` does.
 
-    Of several structures, each has its reference, to which belongs how they lie to each other. Each control is
+    Of several structures, each has its reference, and so has how they lie to each other. Each control is
     fitted as a patient to the model of the others, so that limits and percentiles hold for new subjects.
 
     Parameters
