@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from os import PathLike
+from typing import Any
 
 from homolog.api.inputs import cohort_of
 from homolog.api.project import Project
@@ -13,7 +14,6 @@ from homolog.grooming import GroomedSubject, groom_subject
 from homolog.grooming.subject import check_source, groom
 from homolog.io.project import ProjectFolder
 from homolog.patient import (
-    JointComparison,
     JointReference,
     PatientComparison,
     Reference,
@@ -37,7 +37,7 @@ def make_reference(
     time: str = "time",
     workers: int | None = None,
     callback: Callable[[float, str], object] | None = None,
-) -> Reference | JointReference:
+) -> Reference | Any:  # noqa: ANN401 - or JointReference, known by the project only
     """Freeze the shape model of a project's controls, as ``homolog reference`` does.
 
     Of several structures, each has its reference, and so has how they lie to each other. Each control is
@@ -100,7 +100,7 @@ def compare_patient(
     voxel_size: float | Sequence[float] | None = None,
     force: bool = False,
     callback: Callable[[float, str], object] | None = None,
-) -> PatientComparison | JointComparison:
+) -> PatientComparison | Any:  # noqa: ANN401 - or JointComparison
     """Compare one shape with a reference: how unusual it is, and where.
 
     For research use only; not for diagnosis.

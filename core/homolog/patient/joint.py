@@ -95,6 +95,14 @@ class PoseNorm:
         pose[:3, 3] = place - pose[:3, :3] @ self.centre
         return pose
 
+    def _apart(self, pose: FloatArray, columns: FloatArray) -> FloatArray:
+        usual = np.tensordot(np.append(1.0, columns), self.effects, 1)
+        return np.asarray(_numbers(pose[None], self.mean, self.centre)[0] - usual)
+
+    def distances(self, pose: FloatArray, columns: FloatArray) -> FloatArray:
+        """Return how far a pose (4, 4) is turned and shifted from the expected one [SD], (2,)."""
+        return _distances(self._apart(pose, columns), self.covariances)
+
     def compared(self, pose: FloatArray, against: PatientComparison, columns: FloatArray) -> "PatientPose":
         """Compare a patient's pose.
 
@@ -107,9 +115,8 @@ class PoseNorm:
         columns : (c,) array
             The patient's covariates.
         """
-        numbers = _numbers(pose[None], self.mean, self.centre)[0]
-        apart = numbers - np.tensordot(np.append(1.0, columns), self.effects, 1)
-        turn, shift = _distances(apart, self.covariances).tolist()
+        apart = self._apart(pose, columns)
+        turn, shift = self.distances(pose, columns).tolist()
         back = np.linalg.inv(against.placement[:3, :3])
         return PatientPose(
             self.structure,
@@ -328,9 +335,9 @@ def _expected(numbers: FloatArray, design: FloatArray) -> tuple[FloatArray, Floa
 
 
 def _distances(apart: FloatArray, covariances: FloatArray) -> FloatArray:
-    """Return the lengths of differences (2, 3) in standard deviations (2,)."""
-    solved = np.linalg.solve(covariances, apart[..., None])[..., 0]
-    return np.sqrt(np.einsum("ki,ki->k", apart, solved))
+    """Return the lengths of differences (2, 3) in standard deviations (2,), where there is any variance."""
+    inverse = np.linalg.pinv(covariances, hermitian=True)
+    return np.asarray(np.sqrt(np.einsum("ki,kij,kj->k", apart, inverse, apart)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

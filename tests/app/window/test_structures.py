@@ -169,3 +169,35 @@ def test_volumes_and_distances_of_structures_are_measured(opened, wait, tmp_path
     assert rows["volume_long_ml"][3] > 1.3 * rows["volume_long_ml"][0]
     assert rows["distance_long_flat_mm"] == pytest.approx([2.0] * 4, abs=0.6)
     assert list(page.charts.structures) == ["volume_long_ml", "volume_flat_ml", "distance_long_flat_mm"]
+
+
+def test_a_patient_has_all_structures_as_they_lie(opened, small_references, pairs, wait, tmp_path):
+    session = opened.workspace.session
+    opened.commands["explore.patient"].trigger()
+    page = opened.inspector.explore.page
+    with small_references():
+        wait(lambda: not session.job.is_busy)
+        page.make.click()
+        wait(lambda: page.reference is not None, 300.0)
+    page.compare(pairs / "d")
+    wait(lambda: page.comparison is not None and not session.job.is_busy, 300.0)
+    names = list(page.comparison.structures)
+    assert [page.structure.itemText(row) for row in range(3)] == ["All structures", *names]
+    (shape,) = page.shown(opened.views.subjects).contents
+    assert list(shape.structures) == names
+    assert len(shape.groomed.parts) == len(names)
+    (pose,) = page.comparison.poses
+    way = page.way
+    way.setValue(0)
+    (mean,) = page.shown(opened.views.subjects).contents
+    expected = mean.raw or mean.groomed
+    moved = shape.groomed.parts[1].vertices.mean(axis=0) - expected.parts[1].vertices.mean(axis=0)
+    assert np.linalg.norm(moved) == pytest.approx(pose.distance, rel=0.2)
+    page.structure.setCurrentIndex(2)
+    page.structure.activated.emit(2)
+    (alone,) = page.shown(opened.views.subjects).contents
+    assert not alone.structures
+    page.write(tmp_path / "report")
+    wait(lambda: not session.job.is_busy, 300.0)
+    written = {path.name for path in (tmp_path / "report").iterdir()}
+    assert written == {"report.html", "report.pdf", "pose.csv", *names}

@@ -122,7 +122,7 @@ class PercentileBars(Plot):
         """Draw the lines."""
         from homolog_app.plots import draw_percentiles
 
-        axes = figure.subplots(len(self._rows), 1, squeeze=False)[:, 0]
+        axes = list(figure.subplots(len(self._rows), 1, squeeze=False)[:, 0])
         draw_percentiles(axes, self._rows, self.theme.colours)
 
 
@@ -350,7 +350,7 @@ class PatientPage(ExplorePage):
         self.map = choice("Map", _MAPS)
         self.views: QComboBox = choice("Views", _VIEWS)
         self.structure = choice("Structure")
-        self.structures = named_rows((("Structure", self.structure),))
+        self.structures = held(named_rows((("Structure", self.structure),)))
         self.way = slider("From the mean to the patient", 0, _STEPS, value=_STEPS)
         self.percent = PercentEdit("Percent of the way from the mean to the patient", self.way)
         self.path = choice("From the mean to the patient", _PATHS)
