@@ -155,7 +155,7 @@ def run_table(arguments: argparse.Namespace) -> int:
     "files. Its result can be viewed and analyzed; nothing is optimized.",
     option("source", type=Path, help=".swproj or .xlsx file, or folder of .particles"),
     option("project", type=Path, help="project folder to create"),
-    option("--domain", metavar="NAME", help="anatomy to import if the project has several"),
+    option("--domain", metavar="NAME", help="one anatomy of several (default: all together)"),
     PROGRESS,
 )
 def run_import(arguments: argparse.Namespace) -> int:

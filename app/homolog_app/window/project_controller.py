@@ -47,6 +47,9 @@ _UNWRITABLE = "the project's folder can't be written to"
 _MODELS = "ShapeWorks projects, particles (*.swproj *.xlsx *.particles *.pts *.lpts *.wpts)"
 
 
+_TOGETHER = "All together"
+
+
 class ProjectController(Controller):
     """Opens and saves projects; asks before data are lost.
 
@@ -393,12 +396,13 @@ class ProjectController(Controller):
         from homolog.run.import_model import domains_of
 
         domains = domains_of(source)
-        domain = domains[0]
+        domain: str | None = domains[0]
         if len(domains) > 1:
-            text = "Which anatomy of the project?"
-            domain, chosen = QInputDialog.getItem(self._window, "Import model", text, domains, editable=False)
+            text, offered = "Which anatomy of the project?", [_TOGETHER, *domains]
+            answer, chosen = QInputDialog.getItem(self._window, "Import model", text, offered, editable=False)
             if not chosen:
                 return
+            domain = None if answer == _TOGETHER else answer
 
         def take(notes: Sequence[str]) -> None:
             self.open(folder)

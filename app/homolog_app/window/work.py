@@ -273,7 +273,7 @@ class Work(QObject):
         self.compute("open", lambda tick: load_result(project, tick), "reading the result", take)
 
     def import_model(
-        self, source: Path, folder: Path, domain: str, take: Callable[[Sequence[str]], None]
+        self, source: Path, folder: Path, domain: str | None, take: Callable[[Sequence[str]], None]
     ) -> None:
         """Create a project from another program's model; `take` receives remarks on it."""
 

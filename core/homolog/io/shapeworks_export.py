@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -65,22 +66,26 @@ def write_shapeworks(project: ProjectFolder, folder: Path, tick: Tick = no_tick)
     assert record is not None, "a result that was read has a record"
     source, domain = load_source_metadata(project)
     (name,) = file_stems([project.folder.resolve().name])
-    target = _Target(folder, name, domain)
+    targets = _targets(project, record, folder, name, domain)
     before = {row.get("name", ""): row for row in source.rows}
     rows = []
     for index, subject in enumerate(record.subjects):
         tick(index / len(record.subjects), f"writing {subject.name}")
         row = moved_paths(before.get(subject.name, {}), project.folder, folder)
         row |= _described(row, subject)
-        row |= target.write_particles(subject.file, result.local[index], result.world[index])
-        row |= target.write_transforms(subject)
-        row |= target.write_surface(row, surface_file(project, subject.file))
-        row |= target.write_constraints(row, subject)
+        for target in targets:
+            own = target.particles
+            row |= target.write_particles(subject, result.local[index, own], result.world[index, own])
+            row |= target.write_transforms(subject)
+            row |= target.write_surface(row, subject)
+            row |= target.write_constraints(row, subject)
         rows.append(row)
-    if any(f"constraints_{domain}" in row for row in rows):  # ShapeWorks needs it of all or none
-        rows = [{f"constraints_{domain}": ""} | row for row in rows]
-    rows = [complete_row(row, source.domains) for row in rows] if len(source.domains) > 1 else rows
-    content = {"data": rows} | _settings(source, record, domain)
+    for key in (f"constraints_{target.domain}" for target in targets):
+        if any(key in row for row in rows):  # ShapeWorks needs it of all or none
+            rows = [{key: ""} | row for row in rows]
+    domains = source.domains if source.rows or not record.structures else [item.domain for item in targets]
+    rows = [complete_row(row, domains) for row in rows] if len(domains) > 1 else rows
+    content = {"data": rows} | _settings(source, record, domains, targets)
     path = folder / f"{name}.swproj"
     write_text(path, json.dumps(content, indent=4) + "\n")
     return path
@@ -88,16 +93,24 @@ def write_shapeworks(project: ProjectFolder, folder: Path, tick: Tick = no_tick)
 
 @dataclass(frozen=True, slots=True)
 class _Target:
-    """The output of an export; its methods write a subject's part and return its columns."""
+    """The output of an export of one anatomy; its methods write a subject's part and return its columns.
+
+    `files` are the groomed surfaces by subject, `ending` tells the files of several anatomies apart, and
+    `cut` is the column with a subject's cuts.
+    """
 
     folder: Path
     name: str
     domain: str
+    particles: slice
+    files: Mapping[str, Path]
+    ending: str = ""
+    cut: str = COLUMN
 
-    def write_particles(self, stem: str, local: FloatArray, world: FloatArray) -> Row:
+    def write_particles(self, subject: ResultSubject, local: FloatArray, world: FloatArray) -> Row:
         columns = {}
         for frame, points in (("local", local), ("world", world)):
-            place = f"{self.name}_particles/{stem}_{frame}.particles"
+            place = f"{self.name}_particles/{subject.file}{self.ending}_{frame}.particles"
             write_particles(self.folder / place, points)
             columns[f"{frame}_particles_{self.domain}"] = place
         return columns
@@ -109,10 +122,11 @@ class _Target:
             for key, matrix in matrices.items()
         }
 
-    def write_surface(self, row: Row, surface: Path) -> Row:
+    def write_surface(self, row: Row, subject: ResultSubject) -> Row:
+        surface = self.files[subject.name]
         if not surface.is_file():
             return {}
-        place = f"{self.name}_groomed/{surface.name}"
+        place = f"{self.name}_groomed/{subject.file}{self.ending}{surface.suffix}"
         with atomic_write(self.folder / place) as part:
             part.write_bytes(surface.read_bytes())
         has_input = any(f"{prefix}{self.domain}" in row for prefix in INPUTS)
@@ -123,14 +137,36 @@ class _Target:
         key = f"constraints_{self.domain}"
         planes = [
             cut
-            for cut in parse_cuts(column_of(subject.columns, COLUMN), subject.name)
+            for cut in parse_cuts(column_of(subject.columns, self.cut), subject.name)
             if isinstance(cut, Plane)
         ]
         if row.get(key) or not planes:
             return {}
-        place = f"{self.name}_constraints/{subject.file}.json"
+        place = f"{self.name}_constraints/{subject.file}{self.ending}.json"
         write_planes(self.folder / place, planes)
         return {key: place}
+
+
+def _targets(
+    project: ProjectFolder, record: ResultRecord, folder: Path, name: str, domain: str
+) -> list[_Target]:
+    """Return the anatomies: the structures of a model of several, or the one that was imported."""
+    everything = {subject.name: surface_file(project, subject.file) for subject in record.subjects}
+    if not record.structures:
+        return [_Target(folder, name, domain, slice(0, record.particles), everything)]
+    targets, begin = [], 0
+    for stem, item in zip(
+        file_stems([one.name for one in record.structures]), record.structures, strict=True
+    ):
+        alone = project.structure(item.name)
+        own = alone.read().result
+        assert own is not None, "each structure of a result has one"
+        files = {subject.name: surface_file(alone, subject.file) for subject in own.subjects}
+        particles, begin = slice(begin, begin + item.particles), begin + item.particles
+        targets.append(
+            _Target(folder, name, item.name, particles, files, f"_{stem}", f"{COLUMN}:{item.name}")
+        )
+    return targets
 
 
 def _described(row: Row, subject: ResultSubject) -> Row:
@@ -144,21 +180,23 @@ def _described(row: Row, subject: ResultSubject) -> Row:
     return columns
 
 
-def _settings(source: ShapeWorksProject, record: ResultRecord, domain: str) -> dict[str, Any]:
+def _settings(
+    source: ShapeWorksProject, record: ResultRecord, domains: Sequence[str], targets: Sequence[_Target]
+) -> dict[str, Any]:
     """Return the tables other than the rows: the imported ones, updated by this result."""
     tables = tables_of(source)
-    tables["groom"] = tables["groom"] or {domain: {}}
+    tables["groom"] = tables["groom"] or {target.domain: {} for target in targets}
     tables["project"] = {"version": "2"} | tables["project"]
     tables["optimize"] = tables["optimize"] or {
         "use_geodesic_distance": str(record.metric == "geodesic").lower(),
         "use_normals": str(record.settings.optimize.method.uses_normals).lower(),
     }
     counts = tables["optimize"].get("number_of_particles", "").split()
-    if len(counts) == len(source.domains):  # one for each anatomy
-        counts[source.domains.index(domain)] = str(record.particles)
-    else:
-        counts = [str(record.particles)]
-    tables["optimize"]["number_of_particles"] = " ".join(counts)
+    own = {target.domain: str(target.particles.stop - target.particles.start) for target in targets}
+    if len(counts) != len(domains):  # one for each anatomy
+        counts = [""] * len(domains)
+    counts = [own.get(domain, count) for domain, count in zip(domains, counts, strict=True)]
+    tables["optimize"]["number_of_particles"] = " ".join(filter(None, counts))
     return tables
 
 

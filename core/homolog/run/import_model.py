@@ -1,8 +1,8 @@
 """Import of another program's model as a project with a result, for viewing and analysis."""
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from homolog.io.names import file_stems
 from homolog.io.particle_array import particle_file, write_all_particles
 from homolog.io.particles import read_particles
 from homolog.io.project import ProjectFolder
-from homolog.io.records import IMPORTED, ProjectRecord, ResultRecord, ResultSubject
+from homolog.io.records import IMPORTED, ProjectRecord, ResultRecord, ResultStructure, ResultSubject
 from homolog.io.results import surface_file
 from homolog.io.shapeworks import (
     ForeignModel,
@@ -35,12 +35,19 @@ from homolog.io.shapeworks_export import save_source_metadata
 from homolog.io.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.fingerprints import versions
-from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
+from homolog.run.shape_files import (
+    surface_of_model,
+    surface_of_structures,
+    write_model,
+    write_poses,
+    write_surfaces,
+)
 from homolog.settings import GroomSettings, Method, OptimizeSettings, RunSettings
 from homolog.statistics.procrustes import align
 from homolog.statistics.reconstruction import MeanSurface, mean_surface, medoid
+from homolog.statistics.relative_pose import relative_poses
 from homolog.statistics.shape_model import ShapeModel
-from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.mesh import TriangleMesh, joined
 from homolog.surfaces.simplify import simplified
 from homolog.surfaces.surfels import surfels
 from homolog.surfaces.topology import check_mesh
@@ -72,7 +79,7 @@ def import_model(
     project : ProjectFolder
         The project to create; its folder is empty or missing.
     domain : str, optional
-        The anatomy, if the project has several.
+        An anatomy of several; by default all of them together.
     tick : Tick
 
     Returns
@@ -95,6 +102,8 @@ def import_model(
         model = model_of_folder(source)
     elif source.suffix.lower() in (".swproj", ".xlsx"):
         file = read_shapeworks_file(source)
+        if domain is None and len(file.domains) > 1:
+            return _import_jointly(file, project, tick)
         domain = _chosen(file, domain)
         model = model_of_project(file, domain)
     else:
@@ -103,10 +112,109 @@ def import_model(
         )
     _check(source, model)
     with project.locked():
-        notes = _write(project, model, tick)
+        notes = _write(project, model, _prepared(model, part_of(tick, 0.1, 0.6)), part_of(tick, 0.6, 1.0))
         if file is not None and domain is not None:
             save_source_metadata(project, file, domain)
     return [*model.notes, *notes]
+
+
+def _import_jointly(file: ShapeWorksProject, project: ProjectFolder, tick: Tick) -> list[str]:
+    """Create a project of all anatomies together, with one of each within it; return notes."""
+    models = {domain: model_of_project(file, domain) for domain in file.domains}
+    names = [subject.name for subject in next(iter(models.values())).subjects]
+    for domain, model in models.items():
+        subjects = tuple(replace(item, name=name) for item, name in zip(model.subjects, names, strict=True))
+        models[domain] = replace(model, subjects=subjects)
+        _check(file.path, models[domain])
+    count, parts = len(models), dict[str, _Prepared]()
+    with project.locked():
+        lines: list[str] = []
+        for number, (domain, model) in enumerate(models.items()):
+            own, now = (
+                project.structure(domain),
+                part_of(tick, number / (count + 1), (number + 1) / (count + 1)),
+            )
+            parts[domain] = _prepared(model, part_of(now, 0.0, 0.6))
+            with own.locked():
+                lines += [
+                    f"{domain}: {line}" for line in _write(own, model, parts[domain], part_of(now, 0.6, 1.0))
+                ]
+                save_source_metadata(own, file, domain)
+        lines += _write_jointly(project, models, parts, part_of(tick, count / (count + 1), 1.0))
+        save_source_metadata(project, file, "")
+    return [*next(iter(models.values())).notes, *lines]
+
+
+def _write_jointly(
+    project: ProjectFolder, models: Mapping[str, ForeignModel], parts: Mapping[str, "_Prepared"], tick: Tick
+) -> list[str]:
+    """Write the project of all anatomies; return notes."""
+    model = next(iter(models.values()))
+    names = [subject.name for subject in model.subjects]
+    counts = [own.world.shape[1] for own in parts.values()]
+    world, alignments, notes = _placed_jointly(list(parts.values()))
+    stems = file_stems(names)
+    surfaces = []
+    for index in range(len(names)):
+        items = [own.surfaces[index] for own in parts.values()]
+        path = items[0].path if all(item.path is not None for item in items) else None
+        surfaces.append(SubjectSurface(joined([item.mesh for item in items]), path))
+    structures = {
+        domain: _cohort(project.structure(domain), models[domain], stems, own.surfaces).subjects
+        for domain, own in parts.items()
+    }
+    cohort = Cohort(
+        tuple(
+            Subject(
+                subject.name,
+                project.structure(next(iter(parts))).folder,
+                subject.group,
+                dict(subject.columns),
+                structures={domain: own[index].path for domain, own in structures.items()},
+            )
+            for index, subject in enumerate(model.subjects)
+        ),
+        project.folder,
+    )
+    shapes = ShapeModel().fit(world, names=names)
+    have = [index for index, item in enumerate(surfaces) if item.path is not None] or list(range(len(names)))
+    pieces = [
+        (count, [own.surfaces[index].mesh for index in have])
+        for count, own in zip(counts, parts.values(), strict=True)
+    ]
+    surface = surface_of_structures(shapes, world[have], pieces, alignments[have], part_of(tick, 0.0, 0.3))
+    record = _record(
+        model, cohort, stems, surfaces, alignments, world, surface, dict(zip(parts, counts, strict=True))
+    )
+    ends = np.cumsum(counts)[:-1]
+    with project.replacing_result() as new:
+        local = np.concatenate([own.local for own in parts.values()], axis=1)
+        write_all_particles(new, stems, local, world)
+        for stem, item in zip(stems, surfaces, strict=True):
+            write_mesh(surface_file(project, stem), item.mesh)
+        write_model(new, cohort, shapes)
+        write_poses(new, names, relative_poses(np.split(world, ends, axis=1), list(parts)))
+        write_surfaces(new, shapes, surface, part_of(tick, 0.3, 1.0))
+        write_table(new.folder / "energies.csv", ["iteration", "sampling", "ensemble", "normals"], [])
+        new.write(ProjectRecord(subjects=project.describe(cohort), settings=record.settings, result=record))
+    return notes
+
+
+def _placed_jointly(parts: "Sequence[_Prepared]") -> tuple[FloatArray, FloatArray, list[str]]:
+    """Return the particles of all anatomies as they lie to each other, aligned; the alignments; and notes.
+
+    The other program's alignment is kept if it is one of the whole subject.
+    """
+    first = parts[0]
+    local = np.concatenate([own.local for own in parts], axis=1)
+    world = np.concatenate([own.world for own in parts], axis=1)
+    size = float(rms_radius(world[0]))
+    if np.abs(transform_points(first.alignments, local) - world).max() <= _FITS * size:
+        return world, first.alignments, []
+    world = align(local, scaling=False)
+    alignments = np.array([fit_similarity(*pair, scaling=False) for pair in zip(local, world, strict=True)])
+    note = "its anatomies were aligned one by one; here they lie to each other as in their files"
+    return world, alignments, [note]
 
 
 def domains_of(source: Path) -> list[str]:
@@ -120,7 +228,7 @@ def _chosen(file: ShapeWorksProject, domain: str | None) -> str:
         return domains[0]
     if domain not in domains:
         raise InputError(
-            f"{file.path}: contains the anatomies {', '.join(domains)}; choose one of them (domain)"
+            f"{file.path}: contains the anatomies {', '.join(domains)}; choose one of them (domain), or none"
         )
     return domain
 
@@ -136,27 +244,42 @@ def _check(source: Path, model: ForeignModel) -> None:
         )
 
 
-def _write(project: ProjectFolder, model: ForeignModel, tick: Tick) -> list[str]:
-    """Write the project; return notes on subjects, one line each."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Prepared:
+    """Particles, alignments and surfaces of all subjects of a model."""
+
+    local: FloatArray
+    world: FloatArray
+    alignments: FloatArray
+    surfaces: list[SubjectSurface]
+
+
+def _prepared(model: ForeignModel, tick: Tick) -> _Prepared:
     local, world, alignments = with_alignments(model.subjects)
     if len(world[0]) < _FEWEST:
         raise InputError(f"{model.source}: has {len(world[0])} particles per shape; {_FEWEST} are needed")
+    surfaces = surfaces_of(model.subjects, local, world, alignments, tick)
+    return _Prepared(np.array(local), np.array(world), alignments, surfaces)
+
+
+def _write(project: ProjectFolder, model: ForeignModel, own: _Prepared, tick: Tick) -> list[str]:
+    """Write the project; return notes on subjects, one line each."""
+    world, alignments, surfaces = own.world, own.alignments, own.surfaces
     stems = file_stems([subject.name for subject in model.subjects])
-    surfaces = surfaces_of(model.subjects, local, world, alignments, part_of(tick, 0.1, 0.6))
     cohort = _cohort(project, model, stems, surfaces)
-    shapes = ShapeModel().fit(np.array(world), names=[subject.name for subject in model.subjects])
+    shapes = ShapeModel().fit(world, names=[subject.name for subject in model.subjects])
     try:
-        surface = _mean(shapes, np.array(world), surfaces, alignments, part_of(tick, 0.6, 0.7))
+        surface = _mean(shapes, world, surfaces, alignments, part_of(tick, 0.0, 0.3))
     except NumericalError as error:
         raise InputError(f"{model.source}: is not a shape model ({error}); export it again") from error
     with project.replacing_result() as new:
-        write_all_particles(new, stems, local, world)
+        write_all_particles(new, stems, own.local, world)
         for stem, item in zip(stems, surfaces, strict=True):
             write_mesh(surface_file(project, stem), item.mesh)
         write_model(new, cohort, shapes)
-        write_surfaces(new, shapes, surface, part_of(tick, 0.7, 1.0))
+        write_surfaces(new, shapes, surface, part_of(tick, 0.3, 1.0))
         write_table(new.folder / "energies.csv", ["iteration", "sampling", "ensemble", "normals"], [])
-        record = _record(model, cohort, stems, surfaces, alignments, np.array(world), surface)
+        record = _record(model, cohort, stems, surfaces, alignments, world, surface)
         new.write(ProjectRecord(subjects=project.describe(cohort), settings=record.settings, result=record))
     return record.remarks
 
@@ -210,6 +333,7 @@ def _record(
     alignments: FloatArray,
     world: FloatArray,
     surface: MeanSurface,
+    structures: Mapping[str, int] | None = None,
 ) -> ResultRecord:
     method = {
         (True, True): Method.GEODESIC_NORMALS,
@@ -217,17 +341,24 @@ def _record(
         (False, True): Method.NORMALS,
     }.get((bool(model.geodesic), bool(model.normals)), Method.EUCLIDEAN)
     metric = {True: "geodesic", False: "euclidean", None: "unknown"}[model.geodesic]
-    count = world.shape[1]
+    count = max((structures or {"": world.shape[1]}).values())
+    groom = GroomSettings(structures=",".join(structures)) if structures else GroomSettings()
     return ResultRecord.model_validate(
         {
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             "ended": IMPORTED,
             "iterations": 0,
-            "particles": count,
+            "particles": world.shape[1],
             "metric": metric,
             "folded_faces": surface.folded,
             "smoothed_particles": surface.smoothed,
-            "settings": RunSettings(optimize=OptimizeSettings(method=method, particles=min(count, 65536))),
+            "settings": RunSettings(
+                groom=groom, optimize=OptimizeSettings(method=method, particles=min(count, 65536))
+            ),
+            "structures": [
+                ResultStructure(name=name, particles=number, vertices=near.stop - near.start)
+                for (name, number), (_, near) in zip((structures or {}).items(), surface.parts, strict=False)
+            ],
             "device": "none",
             "versions": versions(),
             "seconds": {},

@@ -21,7 +21,15 @@ from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import cores, in_threads
 
-__all__ = ["mesh_of", "surface_of_model", "surface_of_shapes", "write_model", "write_poses", "write_surfaces"]
+__all__ = [
+    "mesh_of",
+    "surface_of_model",
+    "surface_of_shapes",
+    "surface_of_structures",
+    "write_model",
+    "write_poses",
+    "write_surfaces",
+]
 
 _SHOWN_SHARE = 0.95
 _LEAST_SHOWN, _MOST_SHOWN = 3, 5
@@ -97,13 +105,32 @@ def surface_of_shapes(
     """
     if not parts:
         return surface_of_model(model, world, _meshes(shapes), alignments, tick)
+    return surface_of_structures(
+        model, world, [(count, _meshes(those)) for count, those in parts], alignments, tick
+    )
+
+
+def surface_of_structures(
+    model: ShapeModel,
+    world: FloatArray,
+    parts: Sequence[tuple[int, Sequence[TriangleMesh]]],
+    alignments: FloatArray,
+    tick: Tick = no_tick,
+) -> MeanSurface:
+    """Return the mean surface of several structures as separate pieces.
+
+    Parameters
+    ----------
+    model, world, alignments, tick
+        As in `surface_of_model`.
+    parts : sequence of (int, sequence of M TriangleMesh)
+        For each structure, its number of particles and its meshes.
+    """
     moves, surfaces, begin = _moves(model), list[MeanSurface](), 0
-    for number, (count, those) in enumerate(parts):
+    for number, (count, meshes) in enumerate(parts):
         own, begin = slice(begin, begin + count), begin + count
         now = part_of(tick, number / len(parts), (number + 1) / len(parts))
-        surfaces.append(
-            _surface(model.mean_[own], moves[:, own], world[:, own], _meshes(those), alignments, now)
-        )
+        surfaces.append(_surface(model.mean_[own], moves[:, own], world[:, own], meshes, alignments, now))
     return MeanSurface.joined(surfaces)
 
 
