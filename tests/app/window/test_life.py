@@ -2,10 +2,13 @@
 
 import gc
 import random
+import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
+import weakref
 
 import pytest
 
@@ -128,6 +131,91 @@ def test_a_window_closed_in_mid_run_leaves_nothing_behind(groomed, close, wait):
     start_run(groomed, wait)
     wait(lambda: groomed.workspace.session.job.run.frame is not None)
     close(groomed)
+
+
+def compute(window, kind, wait):
+    """Let a window's computing thread begin a job of a kind."""
+    session, pages = window.workspace.session, {"check": "check", "model": "modes", "groups": "groups"}
+    wait(lambda: not session.job.is_busy and (len(session.surveys) == 4 or session.result is not None))
+    name = {"groom": "run.groom", "run": "run.start"}.get(kind) or f"explore.{pages[kind]}"
+    wait(window.commands[name].isEnabled)
+    window.commands[name].trigger()
+    if kind == "groups":
+        page = window.inspector.explore.page
+        wait(lambda: page.go.isEnabled())
+        page.go.click()
+    wait(lambda: session.job.kind == kind and not session.job.following, what=f"for {kind}")
+
+
+@pytest.fixture
+def endless(monkeypatch):
+    """Return kinds of jobs, and an event: the computing thread goes on with them until that is set."""
+    from homolog_app.window.work import Work
+
+    kinds, closed, compute = set(), threading.Event(), Work.compute
+
+    def computed(work, kind, job, message, take):
+        execute = job if callable(job) else job.execute
+
+        def held(*tick):
+            result = execute(*tick)
+            closed.wait(240.0)
+            return result
+
+        if kind in kinds and callable(job):
+            job = held
+        elif kind in kinds:
+            job.execute = held
+        compute(work, kind, job, message, take)
+
+    monkeypatch.setattr(Work, "compute", computed)
+    yield kinds, closed
+    closed.set()
+
+
+@pytest.mark.parametrize("kind", ["groom", "run", "check", "model", "groups"])
+def test_a_computation_that_outlives_its_window_frees_nothing_of_it_in_its_own_thread(
+    kind,
+    make_window,
+    ellipsoids,
+    groomed_cache,
+    finished,
+    bean_project,
+    tmp_path,
+    close,
+    wait,
+    quick,
+    coarse,
+    endless,
+    monkeypatch,
+):
+    from PySide6.QtCore import QObject
+
+    from homolog_app.window.runner import Runner
+
+    window, (kinds, closed), freed, close_runner = make_window(), endless, set(), Runner.close
+    kinds.add(kind)
+    project = {"check": finished, "model": finished, "groups": bean_project}.get(kind)
+    window.projects.open_paths([ellipsoids if project is None else shutil.copytree(project, tmp_path / "p")])
+    if project is None:
+        window.workspace.edit_settings("groom", "mesh_edge", coarse)
+        window.workspace.edit_settings("optimize", "particles", quick(16))
+    if kind == "run":
+        shutil.copytree(groomed_cache, window.workspace.project.groomed)
+        compute(window, "groom", wait)
+    compute(window, kind, wait)
+    (thread,) = (thread for thread in threading.enumerate() if thread.name == "homolog-compute")
+    monkeypatch.setattr(Runner, "cancel", lambda runner: None)  # as in native code, which looks at no tick
+    monkeypatch.setattr(Runner, "close", lambda runner: close_runner(runner, 0.0))
+    for item in window.findChildren(QObject):
+        weakref.finalize(item, lambda: freed.add(threading.current_thread().name))
+    close(window)
+    del item, window
+    assert thread.is_alive()
+    closed.set()
+    thread.join(240.0)
+    gc.collect()
+    assert freed == {threading.main_thread().name}
 
 
 def test_windows_can_be_opened_and_closed_again_and_again(make_window, close):
