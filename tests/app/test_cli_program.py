@@ -79,6 +79,13 @@ def test_doctor_names_the_remedy_of_a_library_that_does_not_load(capsys, monkeyp
     assert "does not draw (the process ended with -6)" in said
 
 
+@pytest.mark.usefixtures("probes")
+def test_a_machine_without_the_window_lacks_nothing(capsys, monkeypatch):
+    monkeypatch.setattr(doctor, "_QT", "import a_module_that_nobody_has")
+    assert main(["doctor"]) == 0
+    assert "Qt      not installed; only the window needs it" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("error", "expected"),
     [
@@ -140,3 +147,7 @@ sys.exit(main(sys.argv[1:]))
     )
     assert done.returncode == 2
     assert "imageio_ffmpeg is not installed" in done.stderr
+    done = run("-c", program, project, DISPLAY=":1")
+    assert done.returncode == 1
+    assert "PySide6" in done.stderr
+    assert done.stderr.count("\n") == 1

@@ -18,6 +18,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
 
+import homolog
 from homolog import __version__
 from homolog.errors import Cancelled, NumericalError, user_message
 
@@ -140,17 +141,24 @@ def command_parser(
 
 
 class _Version(argparse.Action):
-    """Prints the version, in a git checkout with its commit."""
+    """Prints the version, with its commit where that is known."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         """Print and exit; git is asked only then."""
-        root, commit = Path(__file__).parents[3], ""
-        if (root / ".git").exists():
-            with suppress(OSError):  # no git on this machine
-                command = ["git", "-C", str(root), "rev-parse", "--short", "HEAD"]
-                commit = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+        commit = _commit()
         sys.stdout.write(f"homolog {__version__}{f' ({commit})' if commit else ''}\n")
         parser.exit()
+
+
+def _commit() -> str:
+    """Return the commit that was installed, or that of the checkout; empty if there is none."""
+    root = Path(__file__).parents[3]
+    with suppress(OSError):  # no commit was stored, or no git on this machine
+        if not (root / ".git").exists():
+            return Path(homolog.__file__).with_name("commit.txt").read_text("utf-8").strip()
+        command = ["git", "-C", str(root), "rev-parse", "--short", "HEAD"]
+        return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+    return ""
 
 
 def _print_errors(message: str) -> None:

@@ -119,5 +119,7 @@ def _probed(name: str, program: str, works: str, fails: str, remedy: str) -> Fin
     if done.returncode == 0:
         return Finding(name, f"{works} ({said})" if said else works)
     lines = done.stderr.strip().splitlines()
+    if "ModuleNotFoundError" in done.stderr:
+        return Finding(name, "not installed; only the window needs it")
     fault = lines[-1] if lines and done.returncode > 0 else f"the process ended with {done.returncode}"
     return Finding(name, f"{fails} ({fault})", remedy)

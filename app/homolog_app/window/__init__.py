@@ -18,6 +18,8 @@ def main(argv: Sequence[str] = ()) -> int:
     except ImportError as error:
         import sys
 
-        sys.stderr.write(f"homolog: the window can't open: {error}\n")
+        missing = isinstance(error, ModuleNotFoundError)
+        remedy = "; it is not part of homolog-core, but of homolog: pip install ." if missing else ""
+        sys.stderr.write(f"homolog: the window can't open: {error}{remedy}\n")
         return 1
     return start(list(argv))

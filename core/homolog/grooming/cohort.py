@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +34,7 @@ from homolog.grooming.subject import (
     read_source,
     settings_of,
 )
+from homolog.grooming.twins import twins
 from homolog.io.constraints import cuts_of
 from homolog.io.images import Segmentation
 from homolog.io.markups import read_markups
@@ -323,8 +323,9 @@ def compared(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
     closings = {item.name: item.report.ends[1] == 0 for item in groomed if any(item.report.ends)}
     openings = {item.name: item.report.rims > 0 for item in groomed}
     handles = {item.name: item.report.genus for item in groomed}
+    again = twins(groomed)
     noted = _with_unusual(
-        _with_twins(groomed),
+        [_with_note(item, again[item.name]) if item.name in again else item for item in groomed],
         closings,
         lambda own, usual: (
             f"a wide opening was closed {_CLOSED[own]}, those of most subjects {_CLOSED[usual]}; differences "
@@ -364,18 +365,6 @@ def _with_unusual(
         item if (own := kinds.get(item.name, usual)) == usual else _with_note(item, note(own, usual))
         for item in groomed
     ]
-
-
-def _with_twins(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
-    """Return the subjects, with a note on each whose surface is that of an earlier one."""
-    first: dict[bytes, str] = {}
-    noted = []
-    for subject in groomed:
-        mesh = subject.mesh
-        twin = first.setdefault(sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).digest(), subject.name)
-        note = f"its surface is identical to that of {twin}; exclude one of them, or correct its file"
-        noted.append(subject if twin == subject.name else _with_note(subject, note))
-    return noted
 
 
 def _whole(groomed: GroomedSubject) -> GroomedSubject:

@@ -36,6 +36,7 @@ __all__ = [
     "OrientedPoints",
     "axes_rotation",
     "candidates",
+    "gap",
     "oriented_points",
     "refined",
     "refined_each",
@@ -106,6 +107,11 @@ def _candidates(own: SearchedPoints, other: SearchedPoints) -> list[Fit]:
     tried = _different(sorted(screened, key=lambda fit: fit.distance))[:_MAX_CANDIDATES]
     trials = iterated(own, other, np.array([fit.pose for fit in tried]), _TRIAL_POINTS, _TRIAL_ROUNDS)
     return _different([given, *sorted(trials, key=lambda fit: fit.distance)])
+
+
+def gap(moving: OrientedPoints, fixed: OrientedPoints, pose: FloatArray) -> float:
+    """Return the mean distance between two surfaces, one of which is placed by a similarity (4, 4)."""
+    return _gap(SearchedPoints(moving), SearchedPoints(fixed), pose)
 
 
 def _gap(own: SearchedPoints, other: SearchedPoints, pose: FloatArray) -> float:
