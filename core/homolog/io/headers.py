@@ -21,6 +21,7 @@ __all__ = ["Header", "check_gipl", "read_header", "segments_of"]
 _LONGEST = 2**20
 """Longest text header in bytes; longer ones are refused."""
 _MOST_FILES = 100_000
+_MOST_DIMENSIONS = 10  # of MetaIO, which ends the process at other numbers
 _ZLIB_OR_GZIP = 47
 _GIPL_HEADER = 256  # bytes
 _MILLIMETRES = ("", "mm", "millimeter", "millimeters", "millimetre", "millimetres")
@@ -136,6 +137,8 @@ class Header:
             raise InputError(f"{self.path}: has the units {', '.join(units)}; save it again in mm")
 
     def _check_metaimage(self) -> None:
+        if "ndims" in self.values and not 0 < self._number("ndims") <= _MOST_DIMENSIONS:
+            raise InputError(f"{self.path}: has {self.values['ndims']} dimensions; {_RESCUE}")
         self._check_spacing("elementspacing")
         self._check_spacing("elementsize")
         for key in ("offset", "position", "origin"):
