@@ -59,7 +59,7 @@ def _alike(subjects: Sequence[GroomedSubject]) -> Iterator[tuple[GroomedSubject,
 
 
 def _measures(subject: GroomedSubject) -> tuple[FloatArray, FloatArray]:
-    """Return integrals over a solid that don't depend on its pose, and the standard deviations of their errors.
+    """Return integrals over a solid that its pose does not change, and their standard errors.
 
     They are the volume, the principal second moments, and those of ``x |x|^2`` (its length) and ``|x|^4``
     about the centre [mm^3 to mm^7]. That of a function of degree k is ``3 / (k + 3)`` times the sum of its

@@ -197,6 +197,7 @@ def write_meta(blocks, tmp_path):
         ({"TransformMatrix": "2 0 0 0 1 0 0 0 1"}, "its axes 2 0 0 0 1 0 0 0 1 are not a rotation"),
         ({"TransformMatrix": "1 0 0 0.5 1 0 0 0 1"}, "are not a rotation"),
         ({"HeaderSize": "8"}, "in another one"),
+        ({"NDims": "-13"}, "has -13 dimensions"),
         ({"DimSize": "9 10 10"}, "contains 990 bytes of voxels, and its header declares 900"),
         ({"DimSize": "9 10 12"}, r"may be cut short \(990 of 1080 bytes"),
     ],

@@ -15,7 +15,10 @@ BALLS = (((-3, -4, -4), 5.3), ((3, -4, -4), 4.2), ((4, 2, -4), 3.9), ((4, 4, 2),
 TURN = Rotation.from_rotvec([0.5, -0.9, 1.3]).as_matrix()
 
 
-def body(grid, turn=np.eye(3), shift=(0.1, 0.2, 0.4), size=1.0):
+AS_IT_LIES = np.eye(3)
+
+
+def body(grid, turn=AS_IT_LIES, shift=(0.1, 0.2, 0.4), size=1.0):
     """Return the voxels of an asymmetric body that was moved before it was sampled."""
     points = grid(15.0) @ turn / size + np.asarray(shift)
     inside = np.any([np.linalg.norm(points - centre, axis=-1) < radius for centre, radius in BALLS], axis=0)
