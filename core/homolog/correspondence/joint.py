@@ -171,7 +171,7 @@ class JointLoop(OptimizationLoop):
         self.loops, self.alignments = loops, np.stack([shape.alignment for shape in shapes])
         self.rows = [np.array([loop.cohort.names.index(shape.name) for shape in shapes]) for loop in loops]
         self.cohort, self.settings = most.cohort, most.settings
-        self.stages, self.levels = most.stages, most.levels
+        self.stages, self.counts = most.stages, most.counts
         sizes = [loop.settings.particles * len(loop.cohort.names) for loop in loops]
         self.shares, self.tick = most.shares, most.tick
         self.tolerance = float(np.average([loop.tolerance for loop in loops], weights=sizes))

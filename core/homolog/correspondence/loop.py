@@ -70,7 +70,7 @@ class OptimizationLoop:
         None: particles are initialized by registration.
     tick, observe, on_checkpoint
         As in `homolog.correspondence.optimize`.
-    levels : int
+    counts : sequence of int, optional
         See `plan_stages`.
 
     Attributes
@@ -101,9 +101,9 @@ class OptimizationLoop:
         tick: Tick,
         observe: FrameCallback | None = None,
         on_checkpoint: CheckpointCallback | None = None,
-        levels: int = 1,
+        counts: Sequence[int] | None = None,
     ) -> None:
-        self.levels = levels
+        self.counts = counts
         self.cohort, self.settings, self.initial, self.stages = cohort, settings, initial, stages
         self.shapes, self.alignments = shapes, alignments
         scales = None if settings.procrustes is Procrustes.SHAPE else scale_of(alignments)
@@ -171,7 +171,7 @@ class OptimizationLoop:
         if self.settings.ensemble_weight is None:
             present = None if self.initial is None else self.initial.local.shape[1]
             self.settings = with_weight(self.settings, start.parts)
-            self.stages = plan_stages(self.settings, present, len(self.shapes), self.levels)
+            self.stages = plan_stages(self.settings, present, len(self.shapes), self.counts)
 
     def _is_worse(self, index: int) -> bool:
         """Return whether a stage made the first particles predict each other worse than they did."""

@@ -10,7 +10,7 @@ from homolog.correspondence.joint import JointLoop, StructureShapes, joined
 from homolog.correspondence.loop import OptimizationLoop
 from homolog.correspondence.mirror_images import MirrorImages, with_mirror_images
 from homolog.correspondence.recorder import CheckpointCallback
-from homolog.correspondence.schedule import TimeShares, levels_of, plan_stages
+from homolog.correspondence.schedule import TimeShares, joint_counts, plan_stages
 from homolog.correspondence.surface_sets import normalize_size
 from homolog.correspondence.types import (
     Checkpoint,
@@ -91,7 +91,7 @@ def optimize(
         structure,
         choose_device(device).split(","),
         left=None if resume is None else resume.left,
-        levels=levels_of(settings, structure.present),
+        counts=None,
         tick=tick,
         span=(0.0, 1.0),
         observe=observe,
@@ -140,14 +140,16 @@ def optimize_jointly(
     """
     if len(shapes) < 2:
         raise InputError("fewer than two subjects have all structures; give more, or fewer structures")
-    levels = max(levels_of(item.settings, item.present) for item in structures)
+    counts = joint_counts(
+        [item.settings.particles for item in structures], [item.present for item in structures]
+    )
     share = 1.0 / len(structures)
     sides = [
         _prepared(
             item,
             choose_device(device).split(","),
             left=None if resume is None else resume.left,
-            levels=levels,
+            counts=counts[number],
             tick=tick,
             span=(number * share, (number + 1) * share),
             observe=None,
@@ -177,7 +179,7 @@ def _prepared(
     devices: Sequence[str],
     *,
     left: int | None,
-    levels: int,
+    counts: Sequence[int] | None,
     tick: Tick,
     span: tuple[float, float],
     observe: FrameCallback | None,
@@ -187,7 +189,7 @@ def _prepared(
 ) -> tuple[MirrorImages, OptimizationLoop]:
     """Bring a structure of all subjects to the devices; return its mirror images and its loop.
 
-    `left` are the stages after that of a checkpoint, `levels` see `plan_stages`, and `span` is the part of
+    `left` are the stages after that of a checkpoint, `counts` see `plan_stages`, and `span` is the part of
     the preparation's progress.
     """
     settings, initial = structure.settings, structure.initial
@@ -204,7 +206,7 @@ def _prepared(
     alignments = np.stack([shape.alignment for shape in shapes])
     if settings.procrustes.takes_size_out:
         shapes = normalize_size(shapes)
-    stages = plan_stages(settings, structure.present, len(shapes), levels)
+    stages = plan_stages(settings, structure.present, len(shapes), counts)
     shares = TimeShares(
         stages,
         geodesic=settings.method.uses_geodesics,
@@ -224,7 +226,7 @@ def _prepared(
     )
     loop_tick = part_of(tick, shares.preparation, 1.0)
     return images, OptimizationLoop(
-        shapes, alignments, cohort, settings, stages, shares, initial, loop_tick, observe, checkpoint, levels
+        shapes, alignments, cohort, settings, stages, shares, initial, loop_tick, observe, checkpoint, counts
     )
 
 

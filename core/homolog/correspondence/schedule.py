@@ -10,7 +10,7 @@ from homolog.correspondence.types import Stage
 from homolog.settings import Method, OptimizeSettings
 from homolog.threads import MOST_THREADS
 
-__all__ = ["StagePlan", "TimeShares", "Weights", "levels_of", "particle_counts", "plan_stages"]
+__all__ = ["StagePlan", "TimeShares", "Weights", "joint_counts", "particle_counts", "plan_stages"]
 
 STEP_FRACTION = 0.5  # tau over the squared Parzen width
 STEP_DECAY_ITERATIONS = 400  # over which tau decays to e^-3 in the last stage
@@ -22,6 +22,7 @@ TABLES_COST = 0.52e5  # of the geodesic tables of one level of detail [the same]
 REGISTRATION_COST = 0.65e5  # of the first particles
 MIN_FINE_PARTICLES = 300  # from which the fine meshes are used; the coarse ones have 1500 vertices
 MAX_INITIAL_PARTICLES = 256  # initialized by registration; the others come from splitting
+FEWEST_OF_STRUCTURE = 64  # initial ones of one structure of several
 MEAN_WEIGHT = 0.02  # of the squared distance to the mean shape in the first stage [1 / squared length]
 MEAN_REGULARIZATION = 1.0e4  # under which H(Z) is the squared distance to the mean shape
 NORMALS_ANNEALING = (0.3, 0.01)  # regularization of H(V) [rad²]
@@ -110,25 +111,33 @@ def particle_counts(particles: int, fewest: int = MAX_INITIAL_PARTICLES) -> list
     return counts[::-1]
 
 
-def levels_of(settings: OptimizeSettings, present: int | None = None) -> int:
-    """Return how many numbers of particles an optimization goes through, from `present` ones if given."""
-    return len(particle_counts(settings.particles, present or MAX_INITIAL_PARTICLES))
+def joint_counts(particles: Sequence[int], present: Sequence[int | None]) -> list[list[int]]:
+    """Return the numbers of particles of several structures, from `present` ones where given, level by level.
+
+    Each structure begins with its share of the initial particles, so that all cost what one structure with as
+    many particles does. Those that reach theirs in fewer levels are split in the last ones only.
+    """
+    share = MAX_INITIAL_PARTICLES / sum(particles)
+    counts = [
+        particle_counts(count, known or max(round(share * count), FEWEST_OF_STRUCTURE))
+        for count, known in zip(particles, present, strict=True)
+    ]
+    levels = max(map(len, counts))
+    return [own[:1] * (levels - len(own)) + own for own in counts]
 
 
 def plan_stages(
     settings: OptimizeSettings,
     present: int | None = None,
     shapes: int = TYPICAL_SHAPES,
-    levels: int = 1,
+    counts: Sequence[int] | None = None,
 ) -> list[StagePlan]:
     """Return the stages of an optimization, from the initial particles, or `present` ones, to all.
 
     The number of shapes serves estimates of the remaining time only. A weight of H(Z) that is still to be
-    derived counts as one. With more `levels` than it needs, as another structure does, particles are split
-    in the last ones only.
+    derived counts as one. The numbers of particles are `counts` if given, as of `joint_counts`.
     """
-    counts = particle_counts(settings.particles, present or MAX_INITIAL_PARTICLES)
-    counts = counts[:1] * (levels - len(counts)) + counts
+    counts = counts or particle_counts(settings.particles, present or MAX_INITIAL_PARTICLES)
     ensemble_weight = 1.0 if settings.ensemble_weight is None else settings.ensemble_weight
     normals_weight = settings.normals_weight if settings.method.uses_normals else 0.0
     coherence = settings.coherence if settings.method is not Method.EUCLIDEAN else 0.0  # as published

@@ -26,7 +26,7 @@ from homolog.run.landmarks import with_landmarks_of_structures
 from homolog.run.prior_result import PriorResult
 from homolog.run.result import OptimizationInput
 from homolog.run.steps import prepare_inputs
-from homolog.settings import RunSettings
+from homolog.settings import Procrustes, RunSettings
 from homolog.surfaces.mesh import joined
 
 __all__ = ["in_other_frames", "joined_subject", "prepare_joint_inputs"]
@@ -130,7 +130,10 @@ def prepare_joint_inputs(
         for subject in whole.subjects
     ]
     known = None if prior is None else prior.alignments
-    if optimize.align_by is None:
+    lead = optimize.align_by
+    if lead is None and known is None and settings.placing.procrustes is not Procrustes.OFF:
+        lead = next(iter(parts))  # the particles of all align the wholes later
+    if lead is None:
         _, alignments = align_cohort(
             whole,
             annotated,
@@ -140,9 +143,8 @@ def prepare_joint_inputs(
             cache=None if project is None else project.registrations,
         )
     else:
-        lead = list(parts).index(optimize.align_by)
-        shapes = parts[optimize.align_by].shapes
-        alignments = np.stack([shapes[rows[lead][item.name]].alignment for item in annotated])
+        shapes, own = parts[lead].shapes, rows[list(parts).index(lead)]
+        alignments = np.stack([shapes[own[item.name]].alignment for item in annotated])
 
     def joined_shape(index: int) -> Shape:
         own = annotated[index]
