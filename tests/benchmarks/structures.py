@@ -4,7 +4,7 @@
                                           [--particles 256] [--seeds 1 2 3] [--jobs 4] [--rows FILE]
 
 HOMOLOG_DATA names the folder of the real cohorts, of which `knees` (femur, tibia, patella and two cartilages
-as sheets with rims, of which equal faces correspond) and `zoo/femur_open` are used. Projects are kept in WORK.
+as sheets with rims, of which equal faces correspond) and `zoo/femur_open` are used. WORK keeps projects.
 
 *bones*: mean error of particles where the truth carries them [mm], of each bone alone and of all together.
 *flexion*: tibiae are turned about the femoral condyles by angles of a standard deviation of 12°, with each of
@@ -20,7 +20,8 @@ import os
 import shutil
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from homolog.cohort import read_cohort
+from homolog.errors import InputError, NumericalError
 from homolog.io.meshes import write_mesh
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_result
@@ -91,10 +93,10 @@ def written(place, meshes):
     return place
 
 
-def ran(place, cohort, structures, particles, *, mirror="auto"):
+def ran(place, cohort, structures, particles, **groom):
     """Run a cohort; return the result, and processor and wall seconds by phase."""
     shutil.rmtree(place, ignore_errors=True)
-    groom = {"mirror": mirror} | ({"structures": ",".join(structures)} if len(structures) > 1 else {})
+    groom |= {"structures": ",".join(structures)} if len(structures) > 1 else {}
     settings = {"groom": groom, "optimize": {"particles": particles}, "device": "cpu", "workers": 2}
     marks = []
 
@@ -106,8 +108,7 @@ def ran(place, cohort, structures, particles, *, mirror="auto"):
     Run(project, cohort, RunSettings.model_validate(settings)).execute(observe)
     marks.append(("", time.process_time(), time.perf_counter()))
     spent = {
-        str(before[0]): (after[1] - before[1], after[2] - before[2])
-        for before, after in zip(marks, marks[1:], strict=False)
+        str(before[0]): (after[1] - before[1], after[2] - before[2]) for before, after in pairwise(marks)
     }
     return read_result(project), spent
 
@@ -145,7 +146,7 @@ def cartilages(work, particles, names, meshes):
     """Return distances from the sheets, errors over half a spacing, and evenness."""
     own = {name: meshes[name] for name in names}
     place = written(work / "data", own)
-    result, _ = ran(work / "project", read_cohort(place), names, particles)
+    result, _ = ran(work / "project", read_cohort(place), names, particles, pieces="all")
     rows = {}
     for name, (errors, spacing, local, sheets) in errors_of(result, own).items():
         gaps = [
@@ -238,7 +239,10 @@ def task(number, what, work, particles, *given):
     shutil.rmtree(work, ignore_errors=True)
     started = time.perf_counter()
     do = {"bones": bones, "flexion": flexion, "cartilages": cartilages, "cuts": cuts, "cost": cost}[what]
-    measured = do(work, particles, *given)
+    try:
+        measured = do(work, particles, *given)
+    except (InputError, NumericalError) as error:
+        measured = {"failed": str(error)}
     return {"what": work.name, "measured": measured, "seconds": round(time.perf_counter() - started)}
 
 
@@ -259,30 +263,25 @@ def main():
     alone = [(name,) for name in BONES]
     sheets = [(name,) for name in SHEETS]
     works = {
+        "cost": [("cost", meshes)],
         "bones": [("bones " + "+".join(names), names, meshes) for names in (BONES, *alone)],
         "flexion": [(f"flexion {seed}", seed, meshes) for seed in (0, *arguments.seeds)],
         "cartilages": [("cartilages " + "+".join(names), names, meshes) for names in (SHEETS, *sheets)],
         "cuts": [(f"cuts, mirror {mirror}", mirror, 1) for mirror in ("auto", "off")],
     }
     context = multiprocessing.get_context("spawn")
-    done = []
     with ProcessPoolExecutor(arguments.jobs, context, max_tasks_per_child=1) as pool:
         listed = [(kind, *item) for kind in works if kind in arguments.only for item in works[kind]]
         started = [
             pool.submit(task, k, kind, arguments.folder / name.replace(" ", "_"), arguments.particles, *given)
             for k, (kind, name, *given) in enumerate(listed)
         ]
-        done = [item.result() for item in started]
-    if "cost" in arguments.only:
-        with ProcessPoolExecutor(1, context) as pool:
-            done.append(
-                pool.submit(task, 0, "cost", arguments.folder / "cost", arguments.particles, meshes).result()
-            )
-    for row in done:
-        print(json.dumps(row), flush=True)
-        if arguments.rows:
-            with arguments.rows.open("a") as file:
-                file.write(json.dumps(row) + "\n")
+        for item in as_completed(started):
+            line = json.dumps(item.result())
+            print(line, flush=True)
+            if arguments.rows:
+                with arguments.rows.open("a") as file:
+                    file.write(line + "\n")
     return 0
 
 
