@@ -192,7 +192,7 @@ def flexion(work, particles, seed, meshes):
 
 def cuts(work, particles, mirror, seed):
     """Return how scores of femora that are cut again correlate with those before."""
-    given = read_cohort(DATA / "zoo" / "femur_open")
+    given = read_cohort(DATA / "zoo" / "femur_open", "{subject}.ply")
     random, further = np.random.default_rng(seed), {}
     for subject in given.subjects:
         loaded = trimesh.load(subject.path, process=True)
@@ -206,7 +206,7 @@ def cuts(work, particles, mirror, seed):
         (work / "data").mkdir(parents=True, exist_ok=True)
         write_mesh(work / "data" / f"{subject.name}.ply", clipped(mesh, plane))
     scores = []
-    for number, cohort in enumerate((given, read_cohort(work / "data"))):
+    for number, cohort in enumerate((given, read_cohort(work / "data", "{subject}.ply"))):
         result, _ = ran(work / f"project{number}", cut_cohort(cohort), (), particles, mirror=mirror)
         rows = result.world.reshape(len(result.names), -1)
         left, values, _ = np.linalg.svd(rows - rows.mean(axis=0), full_matrices=False)
