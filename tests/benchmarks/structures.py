@@ -21,6 +21,7 @@ import shutil
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -190,7 +191,7 @@ def flexion(work, particles, seed, meshes):
     }
 
 
-def cuts(work, particles, mirror, seed):
+def cuts(work, particles, sides, seed):
     """Return how scores of femora that are cut again correlate with those before."""
     given = read_cohort(DATA / "zoo" / "femur_open", "{subject}.ply")
     random, further = np.random.default_rng(seed), {}
@@ -207,7 +208,10 @@ def cuts(work, particles, mirror, seed):
         write_mesh(work / "data" / f"{subject.name}.ply", clipped(mesh, plane))
     scores = []
     for number, cohort in enumerate((given, read_cohort(work / "data", "{subject}.ply"))):
-        result, _ = ran(work / f"project{number}", cut_cohort(cohort), (), particles, mirror=mirror)
+        if sides:  # in the names, as m03_L_femur
+            told = [replace(item, columns={"side": item.name.split("_")[1]}) for item in cohort.subjects]
+            cohort = replace(cohort, subjects=tuple(told))
+        result, _ = ran(work / f"project{number}", cut_cohort(cohort), (), particles)
         rows = result.world.reshape(len(result.names), -1)
         left, values, _ = np.linalg.svd(rows - rows.mean(axis=0), full_matrices=False)
         scores.append(left * values)
@@ -267,7 +271,7 @@ def main():
         "bones": [("bones " + "+".join(names), names, meshes) for names in (BONES, *alone)],
         "flexion": [(f"flexion {seed}", seed, meshes) for seed in (0, *arguments.seeds)],
         "cartilages": [("cartilages " + "+".join(names), names, meshes) for names in (SHEETS, *sheets)],
-        "cuts": [(f"cuts, mirror {mirror}", mirror, 1) for mirror in ("auto", "off")],
+        "cuts": [("cuts, sides not told", False, 1), ("cuts, sides told", True, 1)],
     }
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(arguments.jobs, context, max_tasks_per_child=1) as pool:
