@@ -1,6 +1,6 @@
 """Particles and the entropies that place them (the paper's Eq. 1-6)."""
 
-from homolog.correspondence.joint import StructureShapes
+from homolog.correspondence.joint import StructureShapes, alignments_of_wholes
 from homolog.correspondence.launcher import load_kernels
 from homolog.correspondence.optimizer import optimize, optimize_jointly
 from homolog.correspondence.refit import initialize_fit, repair
@@ -25,6 +25,7 @@ __all__ = [
     "Shape",
     "Stage",
     "StructureShapes",
+    "alignments_of_wholes",
     "initialize_fit",
     "load_kernels",
     "optimize",

@@ -72,12 +72,9 @@ class Engine:
     ----------
     second : str or None
         Another CUDA device, that computes H(V).
-    counts : tuple of int
-        Particles of each of several structures; empty for a single one.
     """
 
     second: str | None = None
-    counts: tuple[int, ...] = ()
 
     positions: DeviceArray
     means: DeviceArray

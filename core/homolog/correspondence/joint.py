@@ -13,15 +13,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from homolog.arrays import FloatArray, IntArray
+from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.engine import Engine, Particles
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.loop import OptimizationLoop
+from homolog.correspondence.mirror_images import MirrorImages
 from homolog.correspondence.recorder import CheckpointCallback, RunRecorder
 from homolog.correspondence.schedule import Weights
 from homolog.correspondence.start import Start
 from homolog.correspondence.types import (
     Checkpoint,
+    Frame,
     FrameCallback,
     InitialParticles,
     OptimizedParticles,
@@ -37,7 +39,7 @@ from homolog.registration.procrustes import alignments_of_particles
 from homolog.settings import OptimizeSettings, Procrustes
 from homolog.surfaces.mirroring import MIRROR, mirrors
 
-__all__ = ["JointLoop", "StructureShapes", "joined"]
+__all__ = ["JointLoop", "StructureShapes", "alignments_of_wholes", "joined"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,14 +91,9 @@ class JointEngine(Engine):
         return [loop.engine for loop in self._loops]
 
     @property
-    def counts(self) -> tuple[int, ...]:  # type: ignore[override] # read-only, as the engines change
-        """Particles of each structure."""
-        return tuple(int(engine.count) for engine in self._engines)
-
-    @property
     def count(self) -> int:
         """Particles of the structure that has most."""
-        return max(self.counts)
+        return max(engine.count for engine in self._engines)
 
     def aligned_positions(self) -> FloatArray:
         """Return the particles of all structures as the subjects are aligned, (M, N, 3) [mm]."""
@@ -112,7 +109,7 @@ class JointEngine(Engine):
     def iterate(self, times: int = LIST_ITERATIONS) -> None:
         """Move the particles of each structure `times` times, by turns."""
         engines = self._engines
-        shares = np.array(self.counts) / sum(self.counts)
+        shares = np.array([engine.count for engine in engines]) / sum(engine.count for engine in engines)
         own = [np.ix_(places, places) for places in self.places]
         covariances = np.zeros((len(engines), self.subjects, self.subjects))
         for number, engine in enumerate(engines):
@@ -140,6 +137,28 @@ def _covariance(engine: Engine) -> FloatArray:
     return covariance(rows - rows.mean(axis=0))
 
 
+class JointRecorder(RunRecorder):
+    """Records of all structures; frames have those of each."""
+
+    def __init__(
+        self,
+        loops: Sequence[OptimizationLoop],
+        images: Sequence[MirrorImages],
+        alignments: FloatArray,
+        observe: FrameCallback | None,
+        on_checkpoint: CheckpointCallback | None,
+    ) -> None:
+        super().__init__(alignments, None, 1.0, observe, on_checkpoint)
+        self._pairs = list(zip(loops, images, strict=True))
+
+    def frame(self, stage: Stage, engine: Engine, *, ends_stage: bool) -> Frame:
+        """Return the particles of all structures at this moment."""
+        parts = (
+            own.frame(loop.log.frame(stage, loop.engine, ends_stage=ends_stage)) for loop, own in self._pairs
+        )
+        return replace(super().frame(stage, engine, ends_stage=ends_stage), parts=tuple(parts))
+
+
 class JointLoop(OptimizationLoop):
     """The loop over stages and iterations for several structures, each of which has its own loop.
 
@@ -147,6 +166,8 @@ class JointLoop(OptimizationLoop):
     ----------
     loops : sequence of OptimizationLoop
         Of the same stages but for the numbers of particles.
+    images : sequence of MirrorImages
+        Of each loop's shapes.
     shapes : sequence of M Shape
         The subjects that have all structures.
     observe, on_checkpoint
@@ -163,6 +184,7 @@ class JointLoop(OptimizationLoop):
     def __init__(
         self,
         loops: Sequence[OptimizationLoop],
+        images: Sequence[MirrorImages],
         shapes: Sequence[Shape],
         observe: FrameCallback | None = None,
         on_checkpoint: CheckpointCallback | None = None,
@@ -177,7 +199,7 @@ class JointLoop(OptimizationLoop):
         self.tolerance = float(np.average([loop.tolerance for loop in loops], weights=sizes))
         self.shapes, self.initial_tick = shapes, most.initial_tick
         self.launcher, self.initial = most.launcher, most.initial
-        self.log = RunRecorder(self.alignments, None, 1.0, observe, on_checkpoint)
+        self.log = JointRecorder(loops, images, self.alignments, observe, on_checkpoint)
         self.log.tangential_weight = most.log.tangential_weight
         for loop in loops:
             loop.launcher.poll_cancel = self.launcher.poll_cancel  # repeats the progress of all
@@ -277,6 +299,24 @@ class JointLoop(OptimizationLoop):
         self.log.save(replace(first, others=tuple(others)))
 
 
+def alignments_of_wholes(
+    local: FloatArray, alignments: FloatArray, free: BoolArray, procrustes: Procrustes
+) -> FloatArray:
+    """Return similarities (M, 4, 4) that align subjects by particles (M, n, 3) in file coordinates.
+
+    Those of a run that aligns nothing, and of subjects that are not `free` (M,), stay as they were.
+    """
+    if procrustes in (Procrustes.OFF, Procrustes.AUTO):
+        return alignments
+    images = _images(alignments)
+    points, proper, scaling = (
+        transform_points(images, local),
+        alignments @ images,
+        procrustes is Procrustes.SHAPE,
+    )
+    return alignments_of_particles(points, proper, proper, free, scaling=scaling) @ images
+
+
 def joined(
     parts: Sequence[OptimizedParticles], loop: JointLoop, *, align_by: int | None = None
 ) -> OptimizedParticles:
@@ -287,13 +327,10 @@ def joined(
     """
     own = list(zip(parts, loop.rows, strict=True))
     local = np.concatenate([part.local[rows] for part, rows in own], axis=1)
-    alignments, first = loop.alignments, loop.loops[0]
-    if first.aligns:
-        images = _images(alignments)
-        seen = local if align_by is None else parts[align_by].local[loop.rows[align_by]]
-        points, proper = transform_points(images, seen), alignments @ images
-        scaling, free = first.settings.procrustes is Procrustes.SHAPE, first.free_poses[loop.rows[0]]
-        alignments = alignments_of_particles(points, proper, proper, free, scaling=scaling) @ images
+    first = loop.loops[0]
+    seen = local if align_by is None else parts[align_by].local[loop.rows[align_by]]
+    free = first.free_poses[loop.rows[0]]
+    alignments = alignments_of_wholes(seen, loop.alignments, free, first.settings.procrustes)
     turns = rotation_of(alignments)
     normals = [
         np.einsum("mij,mkj,mnk->mni", turns, rotation_of(part.alignments[rows]), part.normals[rows])

@@ -56,10 +56,11 @@ class MirrorImages:
         if observe is None:
             return None
 
-        def emit(frame: Frame) -> None:
-            observe(replace(frame, alignments=self.alignments(frame.alignments)))
+        return lambda frame: observe(self.frame(frame))
 
-        return emit
+    def frame(self, frame: Frame) -> Frame:
+        """Return a frame of the shapes as one of the files."""
+        return replace(frame, alignments=self.alignments(frame.alignments))
 
     def result(self, result: OptimizedParticles) -> OptimizedParticles:
         """Return a result in the coordinates of the files."""

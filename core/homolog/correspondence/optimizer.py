@@ -160,7 +160,7 @@ def optimize_jointly(
         for number, item in enumerate(structures)
     ]
     loops = [loop for _, loop in sides]
-    joint = JointLoop(loops, shapes, observe, checkpoint)
+    joint = JointLoop(loops, [images for images, _ in sides], shapes, observe, checkpoint)
     reason = _run(joint, loops, resume)
     return joined([images.result(loop.result(reason)) for images, loop in sides], joint, align_by=align_by)
 

@@ -117,6 +117,10 @@ class RunRecorder:
         if self.observe is None or not (is_due or ends_stage):
             return
         self._next_frame = now + FRAME_INTERVAL_S
+        self.observe(self.frame(stage, engine, ends_stage=ends_stage))
+
+    def frame(self, stage: Stage, engine: Engine, *, ends_stage: bool) -> Frame:
+        """Return the particles of an engine at this moment; see `emit_frame`."""
         world, alignments = engine.aligned_positions() * self.unit, self.aligned(engine.poses)
         if self.scales is not None:
             centres, before = world.mean(axis=1), scale_of(alignments)
@@ -124,7 +128,7 @@ class RunRecorder:
             growth = (self.scales / before)[:, None, None]
             world = centres[:, None] + growth * (world - centres[:, None])
         latest = np.array(self.rows[-1][1:]) if self.rows else np.full(3, np.nan)
-        self.observe(Frame(stage, self.iteration, world, latest, alignments, ends_stage, engine.counts))
+        return Frame(stage, self.iteration, world, latest, alignments, ends_stage)
 
     def checkpoint_is_due(self) -> bool:
         """Return whether a checkpoint is due."""

@@ -121,8 +121,8 @@ class Frame:
     ends_stage : bool
         Whether a stage in which the shapes were compared, or the first round of the registration that
         places the first particles, has just ended and others follow: a preliminary result.
-    counts : tuple of int
-        Particles of each of several structures; empty for a single one.
+    parts : tuple of Frame
+        The structures of subjects with several, each aligned with its like; empty for a single one.
     """
 
     stage: Stage
@@ -131,7 +131,12 @@ class Frame:
     energies: FloatArray
     alignments: FloatArray
     ends_stage: bool = False
-    counts: tuple[int, ...] = ()
+    parts: "tuple[Frame, ...]" = ()
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Particles of each of several structures; empty for a single one."""
+        return tuple(part.world.shape[1] for part in self.parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

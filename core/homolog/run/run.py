@@ -11,7 +11,6 @@ from homolog.cohort import Cohort
 from homolog.correspondence import Checkpoint, Frame
 from homolog.device import choose_device, device_faults
 from homolog.errors import Cancelled, InputError
-from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject, Problem, Reading, check_cohort, groom_cohort
 from homolog.io.atomic import report_os_errors
 from homolog.io.mapped import mapped_within
@@ -28,9 +27,9 @@ from homolog.run.control import Control
 from homolog.run.core_set import read_core, write_core
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
 from homolog.run.grow import grow
-from homolog.run.preliminary import preliminary_result
+from homolog.run.preliminary import outcome_of_frame, preliminary_result
 from homolog.run.prior_result import PriorResult, read_prior_result
-from homolog.run.result import CANCELLED, OptimizationInput, OptimizationOutcome, model_of, write_result
+from homolog.run.result import OptimizationInput, OptimizationOutcome, model_of, write_result
 from homolog.run.steps import prepare_inputs, run_optimization
 from homolog.run.structures import in_other_frames, prepare_joint_inputs
 from homolog.run.table_cache import TableCache
@@ -175,8 +174,8 @@ class Run:
     @property
     def can_be_kept(self) -> bool:
         """Whether there are particles that `keep` can save as the result."""
-        frame = None if self._study is None or self._from_result or self._study.parts else self._frame
-        return frame is not None and frame.world.shape[1] >= _FEWEST
+        frame = None if self._study is None or self._from_result else self._frame
+        return frame is not None and min(part.world.shape[1] for part in frame.parts or [frame]) >= _FEWEST
 
     def keep(self) -> bool:
         """Save the newest particles of a cancelled run as the project's result; it can still be resumed.
@@ -184,8 +183,8 @@ class Run:
         Returns
         -------
         bool
-            False if there are no particles yet, or too few to define a surface, if the run started from a
-            result, which is then kept, or if there are several structures (`can_be_kept`).
+            False if there are no particles yet, or too few to define a surface, or if the run started from a
+            result, which is then kept (`can_be_kept`).
 
         Raises
         ------
@@ -195,18 +194,7 @@ class Run:
         inputs, frame = self._study, self._frame
         if not self.can_be_kept or inputs is None or frame is None:
             return False
-        world = frame.world.astype(np.float64)
-        local = transform_points(inverse_matrices(frame.alignments), world)
-        outcome = OptimizationOutcome(
-            inputs,
-            world,
-            local,
-            frame.alignments,
-            self._energies,
-            frame.iteration,
-            CANCELLED,
-            self._control.seconds,
-        )
+        outcome = outcome_of_frame(inputs, frame, self._energies, self._control.seconds)
         with self.project.locked():
             write_result(self.project, outcome, *model_of(outcome, no_tick), no_tick, self._excluded)
         return True

@@ -118,7 +118,15 @@ def test_a_cancelled_run_of_several_structures_goes_on(project, folder, settings
     run = Run(again, read_cohort(folder), settings)
     reason = run.execute(lambda status: run.cancel() if status.phase is Phase.OPTIMIZING else None)
     assert reason is FinishReason.CANCELLED
-    assert not run.can_be_kept
+    assert run.keep()
+    kept = read_result(again)
+    assert again.read().unfinished
+    assert [part.name for part in kept.parts] == ["long", "flat"]
+    assert np.allclose(transform_points(kept.alignments, kept.local), kept.world, atol=1e-9)
+    for part in kept.parts:
+        own = read_result(again.structure(part.name))
+        assert np.allclose(own.local, kept.local[:, part.particles], atol=1e-6)
+        assert np.allclose(transform_points(own.alignments, own.local), own.world, atol=1e-9)
     assert Run(again, again.cohort(), settings, resume=True).execute() is FinishReason.COMPLETED
     assert np.array_equal(read_result(again).local, read_result(project).local)
 
