@@ -6,7 +6,8 @@
 HOMOLOG_DATA names the folder of the real cohorts, of which `knees` (femur, tibia, patella and two cartilages
 as sheets with rims, of which equal faces correspond) and `zoo/femur_open` are used. WORK keeps projects.
 
-*bones*: mean error of particles where the truth carries them [mm], of each bone alone and of all together.
+*bones*: mean error of particles from where the truth carries them [mm], of each bone alone and of all
+together, with each of the seeds.
 *flexion*: tibiae are turned about the femoral condyles by angles of a standard deviation of 12°, with each of
 the seeds. *cartilages*: distances from the given sheets, errors, and how even particles are along the rim.
 *cuts*: femora, each cut again 5 to 30 mm further, with planes placed by the program before and after.
@@ -94,11 +95,16 @@ def written(place, meshes):
     return place
 
 
-def ran(place, cohort, structures, particles, **groom):
+def ran(place, cohort, structures, particles, *, seed=0, **groom):
     """Run a cohort; return the result, and processor and wall seconds by phase."""
     shutil.rmtree(place, ignore_errors=True)
     groom |= {"structures": ",".join(structures)} if len(structures) > 1 else {}
-    settings = {"groom": groom, "optimize": {"particles": particles}, "device": "cpu", "workers": 2}
+    settings = {
+        "groom": groom,
+        "optimize": {"particles": particles, "seed": seed},
+        "device": "cpu",
+        "workers": 2,
+    }
     marks = []
 
     def observe(status):
@@ -127,11 +133,11 @@ def errors_of(result, meshes):
     return found
 
 
-def bones(work, particles, names, meshes):
+def bones(work, particles, names, seed, meshes):
     """Return the mean errors of bones that are modelled together."""
     own = {name: meshes[name] for name in names}
     place = written(work / "data", own)
-    result, _ = ran(work / "project", read_cohort(place), names, particles)
+    result, _ = ran(work / "project", read_cohort(place), names, particles, seed=seed)
     return {name: float(item[0].mean()) for name, item in errors_of(result, own).items()}
 
 
@@ -268,7 +274,11 @@ def main():
     sheets = [(name,) for name in SHEETS]
     works = {
         "cost": [("cost", meshes)],
-        "bones": [("bones " + "+".join(names), names, meshes) for names in (BONES, *alone)],
+        "bones": [
+            (f"bones {'+'.join(names)} {seed}", names, seed, meshes)
+            for seed in arguments.seeds
+            for names in (BONES, *alone)
+        ],
         "flexion": [(f"flexion {seed}", seed, meshes) for seed in (0, *arguments.seeds)],
         "cartilages": [("cartilages " + "+".join(names), names, meshes) for names in (SHEETS, *sheets)],
         "cuts": [("cuts, sides not told", False, 1), ("cuts, sides told", True, 1)],
