@@ -1,6 +1,6 @@
 """Several structures of a subject, and surfaces with rims: errors, poses, cuts, cost.
 
-    python tests/benchmarks/structures.py --folder WORK [--only bones flexion cartilages cuts cost]
+    python tests/benchmarks/structures.py --folder WORK [--only bones flexion cartilages cuts cost memory]
                                           [--particles 256] [--seeds 1 2 3] [--jobs 4] [--rows FILE]
 
 HOMOLOG_DATA names the folder of the real cohorts, of which `knees` (femur, tibia, patella and two cartilages
@@ -12,12 +12,14 @@ together, with each of the seeds.
 the seeds. *cartilages*: distances from the given sheets, errors, and how even particles are along the rim.
 *cuts*: femora, each cut again 5 to 30 mm further, with planes placed by the program before and after.
 *cost*: processor and wall seconds of femur and tibia together, and of each alone with as many particles.
+*memory*: of six generated structures of 50 subjects.
 """
 
 import argparse
 import json
 import multiprocessing
 import os
+import resource
 import shutil
 import sys
 import time
@@ -95,16 +97,12 @@ def written(place, meshes):
     return place
 
 
-def ran(place, cohort, structures, particles, *, seed=0, **groom):
+def ran(place, cohort, structures, particles, *, optimize=None, workers=2, **groom):
     """Run a cohort; return the result, and processor and wall seconds by phase."""
     shutil.rmtree(place, ignore_errors=True)
     groom |= {"structures": ",".join(structures)} if len(structures) > 1 else {}
-    settings = {
-        "groom": groom,
-        "optimize": {"particles": particles, "seed": seed},
-        "device": "cpu",
-        "workers": 2,
-    }
+    optimize = {"particles": particles, **(optimize or {})}
+    settings = {"groom": groom, "optimize": optimize, "device": "cpu", "workers": workers}
     marks = []
 
     def observe(status):
@@ -137,7 +135,7 @@ def bones(work, particles, names, seed, meshes):
     """Return the mean errors of bones that are modelled together."""
     own = {name: meshes[name] for name in names}
     place = written(work / "data", own)
-    result, _ = ran(work / "project", read_cohort(place), names, particles, seed=seed)
+    result, _ = ran(work / "project", read_cohort(place), names, particles, optimize={"seed": seed})
     return {name: float(item[0].mean()) for name, item in errors_of(result, own).items()}
 
 
@@ -242,13 +240,41 @@ def cost(work, particles, meshes):
     return rows
 
 
+def memory(work, particles, structures, subjects):
+    """Return the peak memory of a short run of generated solids [GB]; it does not depend on iterations."""
+    ball, random = trimesh.creation.icosphere(5), np.random.default_rng(0)
+    names = [f"part{k}" for k in range(structures)]
+    meshes = {name: {} for name in names}
+    for subject in range(subjects):
+        for k, name in enumerate(names):
+            axes = (15.0, 11.0 + k, 8.0) * random.normal(1.0, 0.1, 3)
+            bump = 1.0 + 0.15 * ball.vertices[:, k % 3] * random.normal(1.0, 0.5)
+            vertices = ball.vertices * bump[:, None] * axes + [40.0 * k, 0.0, 0.0]
+            meshes[name][f"s{subject:02d}"] = TriangleMesh(vertices, ball.faces.astype(np.int32))
+    brief = {"split_iterations": 5, "anneal_iterations": 5, "settle_iterations": 5}
+    place = written(work / "data", meshes)
+    _, spent = ran(work / "project", read_cohort(place), names, particles, optimize=brief, workers=8)
+    most = [
+        resource.getrusage(who).ru_maxrss / 1e6 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    ]
+    return {"process": most[0], "largest worker": most[1], "wall": sum(item[1] for item in spent.values())}
+
+
 def task(number, what, work, particles, *given):
     """Do one task on two cores; return its name and what it measured."""
     cores = sorted(os.sched_getaffinity(0))
-    os.sched_setaffinity(0, {cores[(2 * number + k) % len(cores)] for k in range(2)})
+    if what != "memory":
+        os.sched_setaffinity(0, {cores[(2 * number + k) % len(cores)] for k in range(2)})
     shutil.rmtree(work, ignore_errors=True)
     started = time.perf_counter()
-    do = {"bones": bones, "flexion": flexion, "cartilages": cartilages, "cuts": cuts, "cost": cost}[what]
+    do = {
+        "bones": bones,
+        "flexion": flexion,
+        "cartilages": cartilages,
+        "cuts": cuts,
+        "cost": cost,
+        "memory": memory,
+    }[what]
     try:
         measured = do(work, particles, *given)
     except (InputError, NumericalError) as error:
@@ -260,7 +286,7 @@ def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    kinds = ("bones", "flexion", "cartilages", "cuts", "cost")
+    kinds = ("bones", "flexion", "cartilages", "cuts", "cost", "memory")
     parser.add_argument("--folder", type=Path, required=True)
     parser.add_argument("--only", nargs="+", choices=kinds, default=kinds)
     parser.add_argument("--particles", type=int, default=256)
@@ -281,6 +307,7 @@ def main():
         ],
         "flexion": [(f"flexion {seed}", seed, meshes) for seed in (0, *arguments.seeds)],
         "cartilages": [("cartilages " + "+".join(names), names, meshes) for names in (SHEETS, *sheets)],
+        "memory": [("memory", 6, 50)],
         "cuts": [("cuts, sides not told", False, 1), ("cuts, sides told", True, 1)],
     }
     context = multiprocessing.get_context("spawn")
