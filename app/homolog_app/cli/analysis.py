@@ -2,6 +2,7 @@
 
 import argparse
 import time
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,7 @@ from homolog_app.cli.options import (
 from homolog_app.exports.settings import CutSettings
 
 if TYPE_CHECKING:
+    from homolog.comparison.question import Question
     from homolog.inspection import Inspection
     from homolog.io.results import Result
     from homolog.progress import Tick
@@ -139,7 +141,7 @@ def run_analyze(arguments: argparse.Namespace) -> int:
     if arguments.pose is not None:
         return _analyze_pose(arguments)
     from homolog.comparison.formula import FormulaAnswer, design_of
-    from homolog.comparison.project import analyze_result, primary_of, questions_of
+    from homolog.comparison.project import analyze_result, primary_of
     from homolog.comparison.sample import Sample
     from homolog.comparison.stored import name_primary
     from homolog.inspection.verdict import refuse_unusable
@@ -159,21 +161,7 @@ def run_analyze(arguments: argparse.Namespace) -> int:
         )
     with project.locked(new=False), show_progress(arguments.progress) as progress:
         result = read_result(project)
-        requested = questions_of(
-            result,
-            alignments,
-            group=arguments.group,
-            regress=arguments.regress,
-            between=arguments.between or [],
-            pairs=arguments.pairs,
-            covariates=tuple(arguments.covariates),
-            formula=arguments.formula,
-            subject=arguments.subject,
-            strata=arguments.strata,
-            squares=arguments.squares or "II",
-            complete_cases=arguments.complete_cases,
-            **settings.model_dump(exclude={"seeds"}),
-        )
+        requested = _asked(arguments, result, alignments, settings)
         if arguments.formula is not None:
             design_of(Sample.of(result), requested[0])  # refuses before anything is computed
         if not arguments.anyway:
@@ -195,36 +183,55 @@ def _analyze_pose(arguments: argparse.Namespace) -> int:
     """Test the pose of a structure; return the exit code."""
     from homolog.comparison.ask import ask
     from homolog.comparison.pose import NUMBERS, PoseSample
-    from homolog.comparison.project import questions_of
     from homolog.inspection.verdict import refuse_unusable
     from homolog.io.results import read_result
 
-    for name in ("formula", "alignment", "size", "primary"):
+    for name in ("alignment", "size", "primary", "out"):
         if getattr(arguments, name) is not None:
             raise InputError(f"--{name} is of shapes and can't be combined with --pose; leave it out")
     project = ProjectFolder(arguments.project)
     settings = with_options(AnalysisSettings(), arguments)
-    with show_progress(arguments.progress) as progress:
+    settings = settings.model_copy(update={"modes": settings.modes or NUMBERS})
+    with project.locked(new=False), show_progress(arguments.progress) as progress:
         result = read_result(project)
         record = project.read().result
         assert record is not None, "a result was read"
         poses = PoseSample.of(result, arguments.pose, record.settings.optimize.align_by)
-        (question,) = questions_of(
-            result,
-            ["as-it-lies"],
-            group=arguments.group,
-            regress=arguments.regress,
-            between=arguments.between or [],
-            pairs=arguments.pairs,
-            covariates=tuple(arguments.covariates),
-            complete_cases=arguments.complete_cases,
-            **settings.model_dump(exclude={"seeds"}) | {"modes": settings.modes or NUMBERS},
-        )
+        (question,) = _asked(arguments, result, ["as-it-lies"], settings, pose=arguments.pose)
         if not arguments.anyway:
             refuse_unusable(project, result.world, progress.tick)
         answer = ask(poses.sample, question, progress.tick)
-    write_lines(poses.text(answer), aside=arguments.progress == "json")
+        folder = poses.store(project, answer)
+    write_lines(poses.text(answer), f"  tables: {folder}", aside=arguments.progress == "json")
     return 0
+
+
+def _asked(
+    arguments: argparse.Namespace,
+    result: "Result",
+    alignments: Sequence[str],
+    settings: AnalysisSettings,
+    **more: str,
+) -> "tuple[Question, ...]":
+    """Return the questions of the command line, one for each alignment."""
+    from homolog.comparison.project import questions_of
+
+    return questions_of(
+        result,
+        alignments,
+        group=arguments.group,
+        regress=arguments.regress,
+        between=arguments.between or [],
+        pairs=arguments.pairs,
+        covariates=tuple(arguments.covariates),
+        formula=arguments.formula,
+        subject=arguments.subject,
+        strata=arguments.strata,
+        squares=arguments.squares or "II",
+        complete_cases=arguments.complete_cases,
+        **settings.model_dump(exclude={"seeds"}),
+        **more,
+    )
 
 
 def _alignments(arguments: argparse.Namespace) -> list[str]:

@@ -9,11 +9,12 @@ from pathlib import Path
 
 from homolog.comparison.answer import Answer
 from homolog.comparison.ask import ask
-from homolog.comparison.findings import CONTROLS, Finding, findings
+from homolog.comparison.findings import CONTROLS, Finding, cautions, findings
 from homolog.comparison.places import SurfaceCarrier, directions_of
+from homolog.comparison.pose import PoseSample
 from homolog.comparison.sample import Sample, voxel_text
 from homolog.comparison.seeds import read_spread, spread_text
-from homolog.comparison.stored import folder_of, stored_answers
+from homolog.comparison.stored import folder_of, stored_answers, stored_poses
 from homolog.comparison.tables import store
 from homolog.errors import InputError, NumericalError
 from homolog.inspection import Suspect, inspect
@@ -128,6 +129,7 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     context = {
         **_of_model(project, record, result, model, meshes, correspondence, drawn),
         **_of_studies(studies),
+        "poses": _poses(project, result, record),
         "controls": CONTROLS,
         "details": details,
         "record": record,
@@ -175,6 +177,22 @@ def _answered(
         sentences = findings(answer, carrier)
         studies.append(_Study(len(studies) + 1, answer, sentences, stored.is_primary, " ".join(spread)))
     return studies, lost
+
+
+def _poses(project: ProjectFolder, result: Result, record: ResultRecord) -> list[tuple[str, Sequence[str]]]:
+    """Return the questions about poses, and what their answers say."""
+    told: list[tuple[str, Sequence[str]]] = []
+    for stored in stored_poses(project):
+        question = stored.question
+        try:
+            poses = PoseSample.of(result, question.pose, record.settings.optimize.align_by)
+            answer = ask(poses.sample, question)
+        except InputError as error:
+            told.append((question.title, [f"Left out: {error}"]))
+        else:
+            poses.store(project, answer)
+            told.append((question.title, [*poses.sentences(answer), *cautions(answer)]))
+    return told
 
 
 def _text(context: Mapping[str, object], version: str) -> str:

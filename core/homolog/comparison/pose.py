@@ -7,6 +7,7 @@ the structure's particles (root mean square): whatever tests shapes tests both t
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -14,17 +15,21 @@ from homolog.arrays import frozen
 from homolog.comparison.answer import Answer
 from homolog.comparison.findings import cautions
 from homolog.comparison.sample import Sample
+from homolog.comparison.stored import Provenance, folder_of, write_question
 from homolog.errors import InputError
 from homolog.geometry import fit_similarity, rotation_of, transform_points
+from homolog.io.project import ProjectFolder
 from homolog.io.results import Part, Result
-from homolog.statistics.comparison import Comparison
+from homolog.io.tables import write_table
 from homolog.statistics.relative_pose import RelativePoses, relative_poses
 from homolog.surfaces.mesh import joined
 
-__all__ = ["NUMBERS", "PoseSample", "apart"]
+__all__ = ["COLUMNS", "NUMBERS", "PoseSample", "apart"]
 
 NUMBERS = 6
 """Of a pose; all are tested, as there are none to be told from noise."""
+COLUMNS = ("comparison", "p_pose", "p_turn", "turn_degrees", "p_shift", "shift_mm")
+"""Columns of the table; p of turn and shift are corrected for both."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,27 +73,46 @@ class PoseSample:
     def text(self, answer: Answer) -> str:
         """Return an answer as it is printed."""
         reference = self.poses.names[self.poses.reference]
-        lines = [f"Pose of {self.structure} against {reference}: {answer.question.title}"]
-        for comparison in (answer.overall, *answer.pairwise):
-            lines += [f"  {line}" for line in self._lines(comparison)]
-        lines += [f"  {line}" for line in answer.further_lines]
+        lines = [f"Pose of {self.structure} against {reference}: {answer.question.topic}"]
+        lines += [f"  {line}" for line in answer.table_lines]
+        lines += [f"  {line}" for line in self.sentences(answer)]
         return "\n".join([*lines, *(f"  Caution: {caution}" for caution in cautions(answer))])
 
-    def _lines(self, comparison: Comparison) -> list[str]:
-        turn, shift = comparison.p_fwe.tolist()
-        lines = [
-            f"{comparison.title}: pose p {comparison.p_adjusted:.3g}",
-            f"  turn  p {turn:.3g}",
-            f"  shift p {shift:.3g}",
+    def sentences(self, answer: Answer) -> list[str]:
+        """Return what an answer says of each comparison."""
+        return [
+            f"{title}: pose p {whole:.3g}; turn {'' if angle is None else f'{angle:.2g}°, '}p {turn:.3g}; "
+            f"shift {'' if length is None else f'{length:.2g} mm, '}p {shift:.3g}."
+            for title, whole, turn, angle, shift, length in self.rows(answer)
         ]
-        if len(comparison.pointwise.effect) == 1:
-            effect = comparison.pointwise.effect[0]
-            angle = np.degrees(
-                np.linalg.norm(np.linalg.solve(self.poses.leverage(self.structure), effect[0]))
-            )
-            lines[1] += f", {angle:.2g}°"
-            lines[2] += f", {np.linalg.norm(effect[1]):.2g} mm"
-        return lines
+
+    def rows(self, answer: Answer) -> list[tuple[str, float, float, float | None, float, float | None]]:
+        """Return a row a comparison, as of `COLUMNS`; effects of several dimensions have no size."""
+        rows = []
+        for comparison in answer.comparisons:
+            (turn, shift), effects = comparison.p_fwe.tolist(), comparison.pointwise.effect
+            sizes: tuple[float | None, float | None] = (None, None)
+            if len(effects) == 1:
+                angle = np.linalg.solve(self.poses.leverage(self.structure), effects[0, 0])
+                sizes = float(np.degrees(np.linalg.norm(angle))), float(np.linalg.norm(effects[0, 1]))
+            rows.append((comparison.title, float(comparison.p_adjusted), turn, sizes[0], shift, sizes[1]))
+        return rows
+
+    def store(self, project: ProjectFolder, answer: Answer) -> Path:
+        """Write an answer's table and its question into the project; return their folder.
+
+        Raises
+        ------
+        InputError
+            If the project can't be written to.
+        """
+        folder = folder_of(project, answer.question)
+        write_table(folder / "pose.csv", COLUMNS, self.rows(answer))
+        for name, columns, cells in answer.tables:
+            if name == "anova.csv":  # others have sizes, which poses don't have
+                write_table(folder / name, list(columns), cells)
+        write_question(answer.question, folder, Provenance.now(project))
+        return folder
 
 
 def apart(result: Result, alone: Mapping[str, Result], reference: str, *, poses: bool) -> Result:

@@ -56,6 +56,8 @@ class Question(Precision):
         (form: size and shape), or none. Size is always tested beside it.
     complete_cases : bool
         Whether subjects without a value in one of these columns are excluded.
+    pose : str
+        The structure whose pose against the others is compared, in place of shapes; see `PoseSample`.
     earlier : bool
         Whether an earlier version stored the question; it did not align shapes rigidly.
     """
@@ -71,6 +73,7 @@ class Question(Precision):
     squares: Squares = Squares.MARGINAL
     alignment: Alignment = Alignment.SHAPE
     complete_cases: bool = False
+    pose: str = ""
     earlier: bool = False
 
     @model_validator(mode="before")
@@ -102,7 +105,7 @@ class Question(Precision):
     def title(self) -> str:
         """The question in one line."""
         allowed = f", adjusted for {', '.join(self.covariates)}" if self.covariates else ""
-        return f"{self.topic}{allowed}; {ALIGNED[self.alignment]}"
+        return f"{self.topic}{allowed}; {f'pose of {self.pose}' if self.pose else ALIGNED[self.alignment]}"
 
     @property
     def arguments(self) -> list[str]:
@@ -121,7 +124,7 @@ class Question(Precision):
             value = getattr(self, parameter.name)
             if value != parameter.default:
                 options += [f"--{parameter.name.replace('_', '-')}", str(value)]
-        return [*options, "--alignment", self.alignment.value]
+        return [*options, *(["--pose", self.pose] if self.pose else ["--alignment", self.alignment.value])]
 
     @property
     def named_columns(self) -> tuple[str, ...]:
@@ -138,7 +141,8 @@ class Question(Precision):
     @property
     def name(self) -> str:
         """A file name for the question; `homolog.comparison.stored.folder_of` resolves collisions."""
-        parts = [self.kind, self.formula.strip("~ ") or self.column, *self.between]
+        parts = [*(["pose", self.pose] if self.pose else []), self.kind]
+        parts += [self.formula.strip("~ ") or self.column, *self.between]
         parts += ["subject", self.subject] if self.subject else []
         parts += ["within", self.strata] if self.strata else []
         parts += ["type", self.type_of_squares] if self.squares is not Squares.MARGINAL else []
@@ -147,9 +151,9 @@ class Question(Precision):
         tail = ["complete_cases"] if self.complete_cases else []
         tail += [f"{self.modes}_modes"] if self.modes is not None else []
         tail += [f"seed_{self.seed}"] if self.seed else []
-        tail += {Alignment.AS_IT_LIES: ["as_it_lies"], Alignment.SHAPE: ["without_size"]}.get(
-            self.alignment, []
-        )
+        if not self.pose:
+            ways = {Alignment.AS_IT_LIES: ["as_it_lies"], Alignment.SHAPE: ["without_size"]}
+            tail += ways.get(self.alignment, [])
         stem, end = (re.sub(r"[^\w.-]+", "_", "_".join(part)) for part in (parts, tail))
         return "_".join(part for part in (stem[:_LONGEST].strip("._"), end) if part)
 

@@ -27,6 +27,7 @@ __all__ = [
     "is_primary",
     "name_primary",
     "stored_answers",
+    "stored_poses",
     "write_question",
 ]
 
@@ -154,10 +155,28 @@ class StoredAnswer(NamedTuple):
 
 
 def stored_answers(project: ProjectFolder) -> tuple[list[StoredAnswer], list[str]]:
-    """Return the stored questions with their answers, and a line on each that is damaged.
+    """Return the stored questions about shapes with their answers, and a line on each that is damaged.
 
     The primary question is the first; form and shape of the same one are adjacent.
     """
+    kept, damaged = _stored(project)
+    kept = [answer for answer in kept if not answer.question.pose]
+    leading = next((_topic(answer.question) for answer in kept if answer.is_primary), None)
+
+    def place(answer: StoredAnswer) -> tuple[bool, bool, str, int]:
+        question = answer.question
+        order = -list(Alignment).index(question.alignment)  # shape before form
+        return _topic(question) != leading, not answer.is_primary, _topic(question), order
+
+    return sorted(kept, key=place), damaged
+
+
+def stored_poses(project: ProjectFolder) -> list[StoredAnswer]:
+    """Return the stored questions about poses; `stored_answers` names those that are damaged."""
+    return [answer for answer in _stored(project)[0] if answer.question.pose]
+
+
+def _stored(project: ProjectFolder) -> tuple[list[StoredAnswer], list[str]]:
     kept, damaged = [], []
     for path in _records(project):
         try:
@@ -167,14 +186,7 @@ def stored_answers(project: ProjectFolder) -> tuple[list[StoredAnswer], list[str
             continue
         old = (path.parent / OUT_OF_DATE).is_file()
         kept.append(StoredAnswer(question, old, _stored_tests(path.parent / _TESTS), first, provenance))
-    leading = next((_topic(answer.question) for answer in kept if answer.is_primary), None)
-
-    def place(answer: StoredAnswer) -> tuple[bool, bool, str, int]:
-        question = answer.question
-        order = -list(Alignment).index(question.alignment)  # shape before form
-        return _topic(question) != leading, not answer.is_primary, _topic(question), order
-
-    return sorted(kept, key=place), damaged
+    return kept, damaged
 
 
 def _records(project: ProjectFolder) -> list[Path]:
