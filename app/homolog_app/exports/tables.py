@@ -16,7 +16,7 @@ from homolog.comparison.ask import ask
 from homolog.comparison.places import SurfaceCarrier, directions_of
 from homolog.comparison.question import Question
 from homolog.comparison.sample import Sample, at_own_size
-from homolog.comparison.stored import Provenance, StoredAnswer, folder_of, is_primary, stored_answers
+from homolog.comparison.stored import Provenance, StoredAnswer, folder_of, is_primary, stored_answers, stored_poses
 from homolog.comparison.tables import data_digest
 from homolog.comparison.tables import write_tables as write_answer_tables
 from homolog.errors import InputError
@@ -128,6 +128,12 @@ def write_tables(
                 lost.append(f"{item.question.title}: {error}")
                 continue
             _write_study(project, folder / stem, answer, result)
+    for item in stored_poses(project):
+        if item.is_outdated:
+            lost.append(f"{item.question.title}: is of earlier particles; analyze again")
+            continue
+        for path in sorted(folder_of(project, item.question).glob("*.csv")):
+            write_text(folder / item.question.name / path.name, path.read_text(encoding="utf-8"))
     if lost:
         write_text(folder / "left_out.txt", "\n".join(lost) + "\n")
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.errors import InputError
@@ -104,6 +105,7 @@ def sheet_of(mesh: TriangleMesh, settings: GroomSettings) -> Sheet | None:
     widths = np.sort(_widths(used.vertices, rim, numbers)[~is_hole])[::-1]
     sizes = ", ".join(f"{width:.3g}" for width in widths[:4]) + (" …" if len(widths) > 4 else "")
     dropped, holes = int(pieces.max()) if settings.pieces is Pieces.LARGEST else 0, int(is_hole.sum())
+    even = simplified(filled, count)
     said = [
         (turned, f"faces of opposite orientation were flipped ({turned})"),
         (
@@ -112,9 +114,13 @@ def sheet_of(mesh: TriangleMesh, settings: GroomSettings) -> Sheet | None:
         ),
         (True, f"is open and stays so: openings {sizes} mm wide"),
         (holes, f"openings smaller than a particle's part of the surface were closed ({holes})"),
+        (
+            crossed := _crossings(even),
+            f"its rim passes through its own surface ({crossed} places); correct the file",
+        ),
     ]
     notes = tuple(note for is_true, note in said if is_true)
-    return Sheet(simplified(filled, count), len(widths), dropped, holes, notes)
+    return Sheet(even, len(widths), dropped, holes, notes)
 
 
 def check_share(share: float, pieces: int) -> None:
@@ -153,6 +159,25 @@ def _widths(vertices: FloatArray, rim: IntArray, numbers: IntArray) -> FloatArra
     arms = vertices[rim[:, 0]] - _middles(vertices, rim, numbers)[numbers]
     np.maximum.at(widths, numbers, 2.0 * np.linalg.norm(arms, axis=1))
     return widths
+
+
+def _crossings(mesh: TriangleMesh) -> int:
+    """Return how many sides of a mesh's rims pass through faces with which they share no vertex."""
+    corners, rim = mesh.vertices[mesh.faces], rim_sides(mesh.faces)[0]
+    centres, ends = corners.mean(axis=1), mesh.vertices[rim]
+    reach = np.linalg.norm(corners - centres[:, None], axis=2).max()
+    reach += 0.5 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    near = KDTree(centres).query_ball_point(ends.mean(axis=1), reach)
+    side = np.repeat(np.arange(len(rim)), [len(own) for own in near])
+    face = np.concatenate([np.array(own, np.int64) for own in near])
+    apart = (mesh.faces[face][:, :, None] != rim[side][:, None]).all(axis=(1, 2))
+    side, face = side[apart], face[apart]
+    first, *others = np.swapaxes(corners[face], 0, 1)
+    edges = np.stack([*(other - first for other in others), ends[side, 0] - ends[side, 1]], axis=-1)
+    sound = np.abs(np.linalg.det(edges)) > 0.0
+    places = np.linalg.solve(edges[sound], (ends[side, 0] - first)[sound][..., None])[..., 0]
+    inside = (places >= 0.0).all(axis=1) & (places[:, :2].sum(axis=1) <= 1.0) & (places[:, 2] <= 1.0)
+    return len(np.unique(side[sound][inside]))
 
 
 def _filled(mesh: TriangleMesh, rim: IntArray, numbers: IntArray, which: BoolArray) -> TriangleMesh:

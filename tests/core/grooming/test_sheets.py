@@ -100,6 +100,24 @@ def test_a_rim_that_touches_itself_stays_open():
     assert groomed.report.rims == 1
 
 
+def curled(length):
+    """A flat sheet, of which a narrower half is rolled up, and down through it if it is long enough."""
+    along, across = np.meshgrid(np.linspace(-10.0, length, 61), np.linspace(-1.0, 1.0, 41), indexing="ij")
+    angle = np.clip(along / 2.0, 0.0, 1.5 * np.pi)
+    down = np.maximum(along - 3.0 * np.pi, 0.0)
+    x, z = 2.0 * np.sin(angle) + np.minimum(along, 0.0), 2.0 * (1.0 - np.cos(angle)) - down
+    points = np.stack([x, across * np.where(along < 0.0, 10.0, 10.0 - 2.5 * angle / np.pi), z], axis=-1)
+    first = np.arange(61 * 41).reshape(61, 41)[:-1, :-1]
+    halves = [np.stack([first, first + 41, first + 1], -1), np.stack([first + 41, first + 42, first + 1], -1)]
+    return TriangleMesh(points.reshape(-1, 3), np.concatenate([half.reshape(-1, 3) for half in halves]))
+
+
+def test_a_rim_that_passes_through_its_own_surface_is_noted():
+    for length, crosses in ((11.0, False), (14.0, True)):
+        notes = groom("sheet", curled(length), SETTINGS).report.notes
+        assert any("rim passes through its own surface" in note for note in notes) is crosses
+
+
 def test_sheets_in_pieces_are_kept_if_all_are_chosen_and_else_refused_with_that_remedy():
     given = tube()
     far = np.concatenate([given.vertices, given.vertices + np.array([50.0, 0.0, 0.0])])
