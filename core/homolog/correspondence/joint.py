@@ -93,7 +93,7 @@ class JointEngine(Engine):
     @property
     def count(self) -> int:
         """Particles of the structure that has most."""
-        return max(engine.count for engine in self._engines)
+        return max(int(engine.count) for engine in self._engines)
 
     def aligned_positions(self) -> FloatArray:
         """Return the particles of all structures as the subjects are aligned, (M, N, 3) [mm]."""

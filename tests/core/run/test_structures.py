@@ -14,6 +14,7 @@ from homolog.io.meshes import read_mesh, write_mesh
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_result, read_surface
 from homolog.run import FinishReason, Run, adds_particles, is_result_of
+from homolog.run.repair import inspect_project, repaired, write_repaired
 from homolog.surfaces.mesh import TriangleMesh
 
 
@@ -287,3 +288,28 @@ def test_settings_of_an_unknown_structure_are_refused(folder, settings, tmp_path
     run = Run(ProjectFolder(tmp_path), read_cohort(folder), settings.model_copy(update={"groom": groom}))
     with pytest.raises(InputError, match="round: is none of the structures"):
         run.execute()
+
+
+def test_suspects_of_all_structures_are_found_and_repaired_in_the_model_of_all(project, tmp_path):
+    shutil.copytree(project.folder, tmp_path / "again")
+    again = ProjectFolder(tmp_path / "again")
+    local = {
+        part.name: read_result(again.structure(part.name)).local.copy() for part in read_result(again).parts
+    }
+    first = np.linalg.norm(local["flat"][1] - local["flat"][1][0], axis=1)
+    near = int(np.argsort(first)[1])
+    local["flat"][1][[0, near]] = local["flat"][1][[near, 0]]  # exchanged in one subject
+    write_repaired(again, local, {"b": "exchanged"})
+    found = inspect_project(again)
+    assert set(found) == {"long", "flat"}
+    suspect = found["flat"][1].suspects[0]
+    assert found["flat"][0].names[suspect.subject] == "b"
+    assert {0, near} <= set(suspect.particles.tolist())
+    better = repaired(again.structure("flat"), found["flat"][1], suspect)
+    write_repaired(again, {**local, "flat": better.located.local}, {"b": "optimized again"})
+    mended = read_result(again)
+    gone = np.linalg.norm(mended.local[1, 48] - read_result(project).local[1, 48])
+    assert gone < 0.5 * np.linalg.norm(local["flat"][1][0] - local["flat"][1][near])
+    assert np.array_equal(mended.local[:, :48], read_result(project).local[:, :48])
+    assert np.array_equal(mended.local[:, 48:], read_result(again.structure("flat")).local)
+    assert np.allclose(transform_points(mended.alignments, mended.local), mended.world, atol=1e-9)
