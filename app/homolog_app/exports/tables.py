@@ -16,7 +16,14 @@ from homolog.comparison.ask import ask
 from homolog.comparison.places import SurfaceCarrier, directions_of
 from homolog.comparison.question import Question
 from homolog.comparison.sample import Sample, at_own_size
-from homolog.comparison.stored import Provenance, StoredAnswer, folder_of, is_primary, stored_answers, stored_poses
+from homolog.comparison.stored import (
+    Provenance,
+    StoredAnswer,
+    folder_of,
+    is_primary,
+    stored_answers,
+    stored_poses,
+)
 from homolog.comparison.tables import data_digest
 from homolog.comparison.tables import write_tables as write_answer_tables
 from homolog.errors import InputError

@@ -181,18 +181,18 @@ def _answered(
 
 def _poses(project: ProjectFolder, result: Result, record: ResultRecord) -> list[tuple[str, Sequence[str]]]:
     """Return the questions about poses, and what their answers say."""
-    told: list[tuple[str, Sequence[str]]] = []
+    answered: list[tuple[str, Sequence[str]]] = []
     for stored in stored_poses(project):
         question = stored.question
         try:
             poses = PoseSample.of(result, question.pose, record.settings.optimize.align_by)
             answer = ask(poses.sample, question)
         except InputError as error:
-            told.append((question.title, [f"Left out: {error}"]))
+            answered.append((question.title, [f"Left out: {error}"]))
         else:
             poses.store(project, answer)
-            told.append((question.title, [*poses.sentences(answer), *cautions(answer)]))
-    return told
+            answered.append((question.title, [*poses.sentences(answer), *cautions(answer)]))
+    return answered
 
 
 def _text(context: Mapping[str, object], version: str) -> str:
