@@ -22,7 +22,14 @@ def _text(block: str, plan: Plan) -> str:
 
 def _rows(plan: Plan) -> list[tuple[str, ...]]:
     return [
-        (str(row.per_group), f"{100.0 * row.place:.0f}", f"{100.0 * row.whole:.0f}", f"{row.size_mm:.2f}")
+        (
+            str(row.per_group),
+            *(
+                f"{100.0 * power:.0f} ({100.0 * low:.0f} to {100.0 * high:.0f})"
+                for power, (low, high) in ((row.place, row.place_range), (row.whole, row.whole_range))
+            ),
+            f"{row.size_mm:.2f}",
+        )
         for row in plan.rows
     ]
 

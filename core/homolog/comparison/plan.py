@@ -6,10 +6,10 @@ power is a probit function of the square root of the number of subjects, fitted 
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from scipy import optimize, stats
@@ -46,7 +46,7 @@ __all__ = [
 FEWEST = 6
 """Subjects of a pilot beyond its groups."""
 PLAN_FOLDER = "plan"
-_FORMAT = 1
+_FORMAT = 2
 _WIDTH = 4.0
 """Default width of an effect [spacings of the particles]: narrower ones have few particles on them."""
 _LEVEL = 0.05
@@ -123,12 +123,16 @@ class Power:
         the surface).
     size_mm : float
         Difference in size that is found with the wanted power [mm].
+    whole_range, place_range : (float, float)
+        Their 90 % intervals, since a pilot knows variances only roughly.
     """
 
     per_group: int
     whole: float
     place: float
     size_mm: float
+    whole_range: tuple[float, float]
+    place_range: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +181,8 @@ class Plan:
         Power for each number.
     needed_whole, needed_place : int or None
         Numbers per group for the wanted power; None if more than 1000.
+    needed_whole_range, needed_place_range : (int or None, int or None)
+        Their 90 % intervals.
     stability : tuple of Stability
     """
 
@@ -188,6 +194,8 @@ class Plan:
     rows: tuple[Power, ...]
     needed_whole: int | None
     needed_place: int | None
+    needed_whole_range: tuple[int | None, int | None]
+    needed_place_range: tuple[int | None, int | None]
     stability: tuple[Stability, ...]
 
     @property
@@ -215,7 +223,11 @@ class Plan:
                 ),
                 "between": tuple(record["between"]),
                 "point": tuple(record["point"]),
-                "rows": tuple(Power(**row) for row in record["rows"]),
+                "rows": tuple(
+                    Power(**row | {name: tuple(row[name]) for name in ("whole_range", "place_range")})
+                    for row in record["rows"]
+                ),
+                **{name: tuple(record[name]) for name in ("needed_whole_range", "needed_place_range")},
                 "stability": tuple(
                     Stability(
                         item["over"],
@@ -328,12 +340,15 @@ def plan_study(
     size_spread = float(np.sqrt(within / pilot.dof))
     hits = _simulated(pilot, mean, effect, near, settings, part_of(tick, 0.0, 0.8))
     whole, place = (power_curve(settings.per_group, hits[:, index], settings.studies) for index in (0, 1))
+    ends_whole, ends_place = _spread_ranges(pilot)
     rows = tuple(
         Power(
             number,
             whole(number),
             place(number),
             size_spread * _found_in_t_test(number, settings.power),
+            (whole(number, ends_whole[0]), whole(number, ends_whole[1])),
+            (place(number, ends_place[0]), place(number, ends_place[1])),
         )
         for number in settings.per_group
     )
@@ -348,16 +363,40 @@ def plan_study(
         rows,
         _needed(whole, settings.power),
         _needed(place, settings.power),
+        (_needed(whole, settings.power, ends_whole[1]), _needed(whole, settings.power, ends_whole[0])),
+        (_needed(place, settings.power, ends_place[1]), _needed(place, settings.power, ends_place[0])),
         _stability(pilot, normals, seeds, settings, part_of(tick, 0.8, 1.0)),
     )
 
 
-def power_curve(
-    numbers: Sequence[int], hits: Sequence[int] | FloatArray, studies: int
-) -> Callable[[int], float]:
+def _spread_ranges(pilot: _Pilot) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the 90 % range of the pilot's over the true standard deviation: of the shape, of a place.
+
+    The variance of a place has a chi-squared distribution with the pilot's degrees of freedom, the sum of
+    those of the shape one with more: theirs times the squared sum over the sum of squares (Box 1954).
+    """
+    rows = pilot.residuals.reshape(len(pilot.residuals), -1)
+    products = rows @ rows.T
+    several = float(np.trace(products) ** 2 / np.square(products).sum())
+    return _spread_range(pilot.dof * several), _spread_range(float(pilot.dof))
+
+
+def _spread_range(dof: float) -> tuple[float, float]:
+    low, high = np.sqrt(stats.chi2.ppf([0.05, 0.95], dof) / dof).tolist()
+    return low, high
+
+
+class _Curve(Protocol):
+    """Power by the number per group, and by how much smaller the deviation is than the pilot's."""
+
+    def __call__(self, number: int, smaller: float = 1.0) -> float: ...
+
+
+def power_curve(numbers: Sequence[int], hits: Sequence[int] | FloatArray, studies: int) -> _Curve:
     """Return the power as a function of the number of subjects per group.
 
-    It is ``0.05 + 0.95 Φ(a + b √n)``, whose most likely a and b ≥ 0 follow from all simulated studies.
+    It is ``0.05 + 0.95 Φ(a + b √n)``, whose most likely a and b ≥ 0 follow from all simulated studies; b is
+    inversely proportional to the standard deviation.
 
     Parameters
     ----------
@@ -385,17 +424,21 @@ def power_curve(
         for start in (-4.0, -2.0, 0.0)
     ]
     best = min(fits, key=lambda fit: float(fit.fun)).x
-    return lambda number: float(power(best, np.sqrt(np.array([float(number)])))[0])
+
+    def curve(number: int, smaller: float = 1.0) -> float:
+        return float(power(best, np.array([smaller * np.sqrt(number)]))[0])
+
+    return curve
 
 
-def _needed(power: Callable[[int], float], wanted: float) -> int | None:
+def _needed(power: _Curve, wanted: float, smaller: float = 1.0) -> int | None:
     """Return the least number per group with a power, or None."""
-    if power(_MOST_NEEDED) < wanted:
+    if power(_MOST_NEEDED, smaller) < wanted:
         return None
     low, high = 3, _MOST_NEEDED
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if power(middle) >= wanted else (middle, high)
+        low, high = (low, middle) if power(middle, smaller) >= wanted else (middle, high)
     return high
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from homolog.comparison.plan import Plan, PlanSettings, bump, plan_study, power_curve
 from homolog.errors import InputError
@@ -78,6 +79,22 @@ def test_more_subjects_have_more_power_and_the_needed_number_reaches_it(plan):
     assert sizes == sorted(sizes, reverse=True)
 
 
+def test_intervals_hold_the_power_and_shrink_with_the_pilot(plan):
+    small = plan_study(
+        drawn(20, np.random.default_rng(3)), ["a"] * 20, sphere(), replace(SETTINGS, studies=50)
+    )
+    for made in (plan, small):
+        for row in made.rows:
+            assert row.place_range[0] <= row.place <= row.place_range[1]
+            assert row.whole_range[0] <= row.whole <= row.whole_range[1]
+    low, high = plan.needed_place_range
+    assert low < plan.needed_place < high
+    ends = [np.array(made.needed_place_range, float) for made in (plan, small)]
+    assert ends[0][1] / ends[0][0] < ends[1][1] / ends[1][0]
+    ratio = stats.chi2.ppf([0.95, 0.05], plan.subjects - len(plan.between))
+    assert high / low == pytest.approx(ratio[0] / ratio[1], rel=0.2)
+
+
 def test_a_clear_group_difference_is_stable_and_groups_are_no_variation(plan):
     (parts, particles) = plan.stability
     assert parts.map_agreement is not None
@@ -90,13 +107,12 @@ def test_a_clear_group_difference_is_stable_and_groups_are_no_variation(plan):
 
 
 def test_a_curve_through_simulated_studies_is_the_probit_function_that_made_them():
-    from scipy import stats
-
     numbers = [6, 12, 24, 48]
     true = 0.05 + 0.95 * stats.norm.cdf(-2.0 + 0.5 * np.sqrt(numbers))
     power = power_curve(numbers, 10_000 * true, 10_000)
     assert [power(number) for number in numbers] == pytest.approx(true, abs=0.002)
     assert power_curve(numbers, [5, 4, 6, 5], 100)(1000) < 0.1
+    assert power(12, 0.5) == pytest.approx(power(3))  # twice the deviation, a quarter of the subjects
 
 
 def test_a_plan_survives_its_record(plan):
