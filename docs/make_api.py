@@ -228,13 +228,14 @@ def _settings() -> Iterator[str]:
     yield "|---|---|---|"
     for model in (GroomSettings, OptimizeSettings):
         for setting in parameters(model):
-            if setting.name == "particles":
+            if setting.name in ("particles", "segment"):  # n_particles and label
                 continue
             default = getattr(setting.default, "value", setting.default)
             unit = f" {setting.unit}" if setting.unit and default is not None else ""
             choices = f" ({', '.join(setting.choices)})" if setting.choices else ""
             name = {"seed": "random_state"}.get(setting.name, setting.name)
-            yield f"| `{name}` | `{default!r}`{unit} | {setting.help}{choices} |"
+            text = setting.help.replace("Label value of", "Label value or name of")
+            yield f"| `{name}` | `{default!r}`{unit} | {text}{choices} |"
     yield ""
 
 

@@ -57,7 +57,6 @@ class Settings(TypedDict, total=False):
     """Further settings of `correspond`, named as on the command line."""
 
     label: int | str | None
-    segment: str | None
     structures: str | None
     structure_grooming: str | None
     values: Literal["labels", "distance", "probability"] | None
@@ -463,13 +462,12 @@ def run_settings(
     InputError
         With a line for each invalid value.
     """
+    if unknown := sorted(given.keys() - Settings.__annotations__.keys()):
+        raise TypeError(f"correspond() got an unexpected keyword argument {unknown[0]!r}")
     if isinstance(given.get("label"), str):
         given["segment"] = given.pop("label")  # as projects store it
     if "random_state" in given:
         given["seed"] = given.pop("random_state")
-    unknown = sorted(given.keys() - Settings.__annotations__.keys() - {"seed"})
-    if unknown:
-        raise TypeError(f"correspond() got an unexpected keyword argument {unknown[0]!r}")
     values = {
         "groom": {name: given[name] for name in GroomSettings.model_fields if name in given},
         "optimize": _particles(n_particles, given.get("structures"))

@@ -3,6 +3,7 @@
 from os import PathLike
 from typing import Any
 
+import numpy as np
 from scipy.sparse import csr_array
 
 from homolog.api.inputs import as_mesh
@@ -74,4 +75,6 @@ def geodesic_distances(
             f"{type(surface).__name__} is not a surface; give a mesh, a file, or vertices (V, 3) and faces "
             "(F, 3), and the longest distance as d_max"
         )
-    return solve_tables([mesh], d_max, device=device)[0].to_csr()
+    if not isinstance(d_max, int | float | np.number):
+        raise InputError(f"d_max={d_max!r}: must be a distance in mm")
+    return solve_tables([mesh], float(d_max), device=device)[0].to_csr()

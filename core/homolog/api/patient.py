@@ -80,6 +80,8 @@ def make_reference(
         raise InputError(
             f"make_reference needs a project, not {type(project).__name__}; save the correspondence first"
         )
+    if not isinstance(group, str | None):
+        raise InputError(f"group={group!r}: give the name of the controls' group")
     return _make(
         ProjectFolder(path_of(folder, "project")),
         group=group,

@@ -27,7 +27,7 @@ _REMEDIES = {
     **dict.fromkeys((".raw", ".zraw"), "put their headers (.mhd or .nhdr) next to them"),
     ".swproj": "run the ShapeWorks project itself: homolog run FILE.swproj",
     ".itksnap": "save the segmentation as NIfTI in ITK-SNAP",
-    ".particles": "import the particles: homolog import",
+    **dict.fromkeys((".particles", ".lpts", ".wpts"), "import the particles: homolog import"),
 }
 """What to do with files of other types, by suffix."""
 _OTHERS = "convert them to one of the known types"

@@ -97,8 +97,9 @@ class PlanSettings:
 
     def check(self, particles: int) -> None:
         """Raise InputError if a value is invalid for this number of particles."""
-        if not (np.isfinite(self.effect) and self.effect != 0.0):
-            raise InputError(f"effect {self.effect:g}: must be a number of mm other than 0")
+        is_number = isinstance(self.effect, int | float | np.number)
+        if not (is_number and np.isfinite(self.effect) and self.effect != 0.0):
+            raise InputError(f"effect {self.effect}: must be a number of mm other than 0")
         if not self.width > 0.0:
             raise InputError(f"width {self.width:g}: must be positive")
         if self.particle is not None and not 0 <= self.particle < particles:

@@ -92,8 +92,9 @@ def _normals(corners: FloatArray) -> FloatArray:
 
 
 def _cell(subject: GroomedSubject) -> tuple[float, ...]:
-    """Return the edges of what samples a shape [mm]: the voxels of its image, or the nodes of its grid."""
-    return subject.report.voxel or (subject.field.spacing,) * 3
+    """Return the edges of what samples a shape [mm]: the voxels of its image, its grid, or its triangles."""
+    edge = subject.mesh.mean_edge if subject.field is None else subject.field.spacing
+    return subject.report.voxel or (edge,) * 3
 
 
 def _are_one(one: GroomedSubject, other: GroomedSubject) -> bool:

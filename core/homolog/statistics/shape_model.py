@@ -383,7 +383,11 @@ class ShapeModel:
         self._check_is_fitted()
         if not isinstance(count, int | np.integer) or count < 0:
             raise InputError(f"count={count!r}: must be a whole number, 0 or more")
-        generator = np.random.default_rng(self.random_state if random_state is None else random_state)
+        seed = self.random_state if random_state is None else random_state
+        try:
+            generator = np.random.default_rng(seed)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"random_state={seed!r}: must be a whole number, 0 or more") from error
         return self.instance(generator.standard_normal((count, self.n_components_)))
 
     def save(self, path: str | PathLike[str]) -> None:

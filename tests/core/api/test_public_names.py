@@ -76,7 +76,9 @@ def test_the_examples_of_the_docstrings_hold(name):
 
 def test_settings_by_keyword_are_those_of_the_command_line():
     fields = {**GroomSettings.model_fields, **OptimizeSettings.model_fields}
-    assert set(api.Settings.__annotations__) == set(fields) - {"particles", "seed"} | {"random_state"}
+    assert set(api.Settings.__annotations__) == set(fields) - {"particles", "seed", "segment"} | {
+        "random_state"
+    }
     assert len(fields) == len(GroomSettings.model_fields) + len(OptimizeSettings.model_fields)
 
 

@@ -116,11 +116,20 @@ GROUPS = 4 * ["a", "b"]
         (lambda: hl.regress(SHAPES, pandas.DataFrame({"a": range(8), "b": range(8)})), "not DataFrame"),
         (lambda: hl.ShapeModel().fit(SHAPES, names=5), "names"),
         (lambda: hl.read_cohort(".", pattern=3), "pattern"),
+        (lambda: hl.geodesic_distances(np.eye(3), TRIANGLE, d_max="far"), "d_max='far'"),
+        (lambda: hl.make_reference(".", group=3), "group=3"),
+        (lambda: hl.ShapeModel(random_state="x").fit(SHAPES).sample(), "random_state='x'"),
     ],
 )
 def test_arguments_of_a_wrong_type_are_named(call, message):
     with pytest.raises(hl.InputError, match=message):
         call()
+
+
+@pytest.mark.parametrize("name", ["seed", "segment", "particle_count"])
+def test_a_setting_has_one_name(name):
+    with pytest.raises(TypeError, match=name):
+        hl.correspond([np.zeros((4, 4, 4), int)] * 2, 16, **{name: 1})
 
 
 def test_a_mesh_is_written_with_a_value_for_each_vertex(tmp_path):
