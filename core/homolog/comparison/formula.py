@@ -54,7 +54,8 @@ _ANOVA = {
     "R2": "share of the total sum of squares",
     "F": "mean square over that of the residuals",
     "Z": "effect size: standard deviates of the statistic's logarithm from its null distribution",
-    "p": "p of residual randomization, not corrected",
+    "p": "p of residual randomization, not corrected; on modes too small for few subjects of unequal "
+    "dispersion, and along a skewed number along which dispersion grows",
 }
 _DIFFERENCES = {
     "of": "what is compared: means of a category, or slopes along a number",
@@ -66,7 +67,7 @@ _DIFFERENCES = {
     "mahalanobis_d_corrected_low_90": "lower bound of its 90 % confidence interval",
     "mahalanobis_d_corrected_high_90": "upper bound of its 90 % confidence interval",
     "Z": _ANOVA["Z"],
-    "p": _ANOVA["p"],
+    "p": "p of residual randomization on all coordinates, not corrected",
     "p_corrected": "p corrected for the number of differences in the same column `of` (Holm)",
     "size_effect_mm": "difference of size [mm, or mm per unit]; empty if size is a column of the formula",
     "size_effect_mm_low_95": "lower bound of its 95 % confidence interval",
