@@ -19,6 +19,7 @@ from concurrent.futures import (
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from functools import partial
 from itertools import islice
+from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from homolog import __version__
@@ -26,7 +27,7 @@ from homolog.errors import InputError, NumericalError, WorkerDiedError
 from homolog.progress import Tick, no_tick, part_of
 from homolog.slurm import slurm_jobs
 from homolog.threads import cores
-from homolog.workers import worker_processes
+from homolog.workers import main_guard_hint, worker_processes
 
 _J = TypeVar("_J")
 _T = TypeVar("_T")
@@ -37,6 +38,7 @@ __all__ = [
     "SubjectWorkers",
     "each_in_workers",
     "each_read",
+    "read_apart",
     "retried_on_workers",
     "serve_as_worker",
     "subject_executor",
@@ -47,6 +49,7 @@ LOCAL = "local"
 SLURM = "slurm"
 """A Dask cluster of jobs that this machine submits to Slurm."""
 
+_ENDED = "the process that read it ended: it is damaged, or memory is short; export it again, or exclude it"
 _PATIENCE_S = 0.1  # s between ticks
 _AHEAD = 1024
 """Largest number of jobs that wait in an executor: a scheduler need not hold those of all subjects."""
@@ -197,24 +200,29 @@ def each_in_workers(
 def each_read(
     function: Callable[[_J], _T],
     jobs: Mapping[str, _J],
+    files: Mapping[str, Path],
     doing: str,
     tick: Tick,
     executor: Executor | None = None,
 ) -> Iterator[tuple[str, Future[_T]]]:
-    """Call a function of each job in workers as `each_in_workers`; jobs that end their process are found.
+    """Call a function that reads the file of each job in workers, as `each_in_workers`.
 
     Parameters
     ----------
     function, jobs, doing, tick
         See `each_in_workers`.
+    files : mapping of str to Path
+        The file of each job, for messages.
     executor : Executor, optional
         By default, processes of this machine.
 
     Yields
     ------
     tuple of str and Future
-        Subject and ended future, with a `BrokenExecutor` if its own job ended the process.
+        Subject and ended future, with an `InputError` that names the file if its own job ended the process.
     """
+    if not jobs:
+        return
     left = dict(jobs)
     workers = nullcontext(executor) if executor else worker_processes(min(len(jobs), cores()))
     with workers as used, suppress(BrokenExecutor):
@@ -228,9 +236,26 @@ def each_read(
             for name in tuple(left):
                 last = {name: left.pop(name)}
                 ((_, future),) = each_in_workers(alone, function, last, doing, part_of(tick, 1.0, 1.0))
+                if died := isinstance(future.exception(), BrokenExecutor):
+                    future = Future()
+                    future.set_exception(InputError(f"{files[name]}: {_ENDED}{main_guard_hint()}"))
                 yield name, future
-                if isinstance(future.exception(), BrokenExecutor):
+                if died:
                     break
+
+
+def read_apart(
+    function: Callable[[_J], _T], job: _J, file: Path, tick: Tick = no_tick, doing: str = "reading"
+) -> _T:
+    """Return a function of one job, which reads a file, called in a process of its own.
+
+    Raises
+    ------
+    InputError
+        Also if the file ends the process.
+    """
+    ((_, future),) = each_read(function, {file.name: job}, {file.name: file}, doing, tick)
+    return future.result()
 
 
 class SubjectWorkers:

@@ -393,6 +393,7 @@ def run_report(arguments: argparse.Namespace) -> int:
 )
 def run_geodesics(arguments: argparse.Namespace) -> int:
     """Compute, write and verify as requested; return the exit code."""
+    from homolog.cluster import read_apart
     from homolog.device import choose_device, describe_device, device_faults
     from homolog.geodesics import each_table, measure_accuracy, plan_tables
     from homolog.io.meshes import read_mesh
@@ -401,7 +402,7 @@ def run_geodesics(arguments: argparse.Namespace) -> int:
         raise InputError(f"{arguments.out}: the matrix is written as .npz; use that suffix")
     if arguments.verify is not None and arguments.verify < 1:
         raise InputError(f"--verify {arguments.verify}: at least one source is needed")
-    mesh = read_mesh(arguments.mesh)
+    mesh = read_apart(read_mesh, arguments.mesh, arguments.mesh)
     plan = plan_tables(
         [mesh],
         arguments.d_max,

@@ -1,21 +1,24 @@
 """A preview of a subject's file: labels, volume, thumbnail and original surface."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from homolog.arrays import Array, BoolArray, FloatArray, frozen
+from homolog.cluster import each_read
 from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.io.images import Segmentation, Volume, read_segmentation, read_volume
 from homolog.io.structures import mask_of, structures_of
+from homolog.progress import Tick, no_tick
 from homolog.settings import GroomSettings, Values
 from homolog.surfaces.mesh import TriangleMesh, joined
 from homolog.surfaces.topology import enclosed_volume
 
-__all__ = ["FileSurvey", "LabelSummary", "survey_subject"]
+__all__ = ["FileSurvey", "LabelSummary", "survey_subject", "surveys"]
 
 
 THUMBNAIL = 64
@@ -116,8 +119,23 @@ def survey_subject(subject: Subject, groom: GroomSettings) -> FileSurvey:
             return _with_mesh(survey, subject.path)
         return _with_voxels(survey, volume.segmentation(groom.label, groom.segment))
     except InputError as error:
-        message = str(error).removeprefix(f"{subject.path}: ")
-        return replace(survey, problem=message[:1].upper() + message[1:])
+        return _unusable(survey, error)
+
+
+def surveys(subjects: Sequence[Subject], groom: GroomSettings, tick: Tick = no_tick) -> Iterator[FileSurvey]:
+    """Preview files in workers, as they are read; a file that ends its process has a problem."""
+    jobs = {subject.name: subject for subject in subjects}
+    files = {subject.name: subject.path for subject in subjects}
+    for name, future in each_read(partial(survey_subject, groom=groom), jobs, files, "reading", tick):
+        try:
+            yield future.result()
+        except InputError as error:
+            yield _unusable(FileSurvey(jobs[name], groom), error)
+
+
+def _unusable(survey: FileSurvey, error: InputError) -> FileSurvey:
+    message = str(error).removeprefix(f"{survey.subject.path}: ")
+    return replace(survey, problem=message[:1].upper() + message[1:])
 
 
 def _with_several(survey: FileSurvey) -> FileSurvey:

@@ -340,7 +340,7 @@ def compared(
     from homolog.patient import JointReference, compare_joint_patient, compare_patient
     from homolog.patient.files import patient_at
     from homolog.patient.findings import pairs_of
-    from homolog_app.scenes.file_survey import survey_subject
+    from homolog_app.scenes.file_survey import surveys
 
     comparison: PatientComparison | JointComparison
     if isinstance(reference, JointReference):
@@ -353,8 +353,8 @@ def compared(
     parts = {}
     for name, (own, against) in pairs_of(comparison, reference).items():
         places = [region_place(own, region) for region in own.regions]
-        voxels = survey_subject(subject, against.provenance.groom).voxels
-        parts[name] = ComparedPatient(own, subject, places, subject.image, voxels)
+        (survey,) = surveys([subject], against.provenance.groom)
+        parts[name] = ComparedPatient(own, subject, places, subject.image, survey.voxels)
     return ComparedFile(comparison, parts)
 
 

@@ -235,9 +235,10 @@ def aligned_surfaces(loaded: LoadedResult) -> dict[str, TriangleMesh]:
 @lru_cache(maxsize=4)
 def mesh_file(path: Path) -> TriangleMesh:
     """Return the surface of a file, with its faces outward; raises InputError if there is none."""
+    from homolog.cluster import read_apart
     from homolog.io.meshes import read_mesh  # loads VTK
 
-    mesh = read_mesh(path)
+    mesh = read_apart(read_mesh, path, path)
     return mesh if mesh.volume >= 0.0 else TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
 
 

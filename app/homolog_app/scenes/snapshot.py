@@ -12,7 +12,7 @@ from homolog.io.project import ProjectFolder
 from homolog.progress import Tick, part_of
 from homolog_app.rendering.content import Content, SubjectContents, ViewContents
 from homolog_app.scenes.check import ENERGIES, Marks, checked_scene
-from homolog_app.scenes.file_survey import survey_subject
+from homolog_app.scenes.file_survey import surveys
 from homolog_app.scenes.loaded_result import LoadedResult, load_result
 from homolog_app.scenes.shapes import group_scene, measured_scene, mode_scene
 from homolog_app.scenes.states import CheckView, GroupsView, MeasureView, ModesView, Snapshot
@@ -98,11 +98,8 @@ def _contents(
         groomed = {subject.name: Groomed(subject, alignment, settings.groom) for subject, alignment in pairs}
     subjects: Sequence[Subject] = [subject for subject in cohort.subjects if name in ("", subject.name)]
     needs_file = [subject for subject in subjects if wanted.canvas.raw or not (loaded or groomed)]
-    surveys = {}
-    for number, subject in enumerate(needs_file):
-        tick(0.1 + 0.1 * number / len(needs_file), f"reading {subject.name}")
-        surveys[subject.name] = survey_subject(subject, settings.groom)
-    return subject_contents(subjects, surveys, groomed, loaded, settings)
+    read = {item.subject.name: item for item in surveys(needs_file, settings.groom, part_of(tick, 0.1, 0.2))}
+    return subject_contents(subjects, read, groomed, loaded, settings)
 
 
 def _with_particles(shown: ViewContents, loaded: LoadedResult | None, moment: int | None) -> ViewContents:

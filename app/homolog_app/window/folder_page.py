@@ -22,7 +22,7 @@ from homolog.cohort import Cohort, Subject, counts_text, read_cohort, tables_bes
 from homolog.errors import InputError
 from homolog.settings import GroomSettings
 from homolog_app.exports.tables import cohort_rows, write_cohort
-from homolog_app.scenes.file_survey import FileSurvey, survey_subject
+from homolog_app.scenes.file_survey import FileSurvey, surveys
 from homolog_app.window.cohort_model import thumbnail
 from homolog_app.window.study import Reading
 from homolog_app.window.theme import Theme, scaled
@@ -175,7 +175,7 @@ class FolderPage(QDialog):
             picture.setPixmap(QPixmap())
             name.setText("")
         self._surveys = [
-            self._reader.submit(survey_subject, subject, GroomSettings(segment=first))
+            self._reader.submit(_survey, subject, GroomSettings(segment=first))
             for subject in subjects
             for first in [next(iter(subject.structures), None)]
         ]
@@ -201,3 +201,8 @@ class FolderPage(QDialog):
     def _accept(self) -> None:
         self.chosen.emit(self.cohort)
         self.accept()
+
+
+def _survey(subject: Subject, groom: GroomSettings) -> FileSurvey:
+    (survey,) = surveys([subject], groom)
+    return survey

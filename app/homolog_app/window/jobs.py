@@ -83,11 +83,10 @@ def read_files(
     subjects: Sequence[Subject], groom: GroomSettings, arrived: "Callable[[FileSurvey], None]", tick: Tick
 ) -> None:
     """Preview files and hand over the results one by one."""
-    from homolog_app.scenes.file_survey import survey_subject
+    from homolog_app.scenes.file_survey import surveys
 
-    for number, subject in enumerate(subjects):
-        tick(number / len(subjects), f"reading {subject.name}")
-        arrived(survey_subject(subject, groom))
+    for survey in surveys(subjects, groom, tick):
+        arrived(survey)
 
 
 class RunJob:

@@ -25,6 +25,7 @@ from homolog.device import choose_device
 from homolog.errors import InputError
 from homolog.grooming import GroomedSubject, Reading, check_cohort, groom_cohort
 from homolog.grooming.cache import content_key, save_groomed
+from homolog.grooming.cohort import landmarks_in
 from homolog.inspection.verdict import Verdict, judge, worst_of
 from homolog.io.atomic import report_os_errors
 from homolog.io.names import file_stems
@@ -379,10 +380,11 @@ def correspond(
     if grows:
         outcome = _grown(everybody, groomed, chosen, alias, control)
     else:
+        marks = landmarks_in(readings.values())
         inputs = (
-            prepare_inputs(everybody, groomed[""], chosen, alias, control.tick)
+            prepare_inputs(everybody, groomed[""], chosen, alias, control.tick, landmarks=marks)
             if "" in groomed
-            else prepare_joint_inputs(everybody, groomed, chosen, alias, control.tick)
+            else prepare_joint_inputs(everybody, groomed, chosen, alias, control.tick, landmarks=marks)
         )
         outcome = run_optimization(inputs, control)
     control.finish(FinishReason.COMPLETED, "completed")

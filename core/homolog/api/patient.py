@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from os import PathLike
 from typing import Any
 
 from homolog.api.inputs import cohort_of
 from homolog.api.project import Project
 from homolog.errors import InputError, path_of
-from homolog.grooming import GroomedSubject, groom_subject
+from homolog.grooming import GroomedSubject
 from homolog.grooming.subject import check_source, groom
 from homolog.io.project import ProjectFolder
 from homolog.patient import (
@@ -22,6 +21,7 @@ from homolog.patient import (
     read_reference,
 )
 from homolog.patient import make_reference as _make
+from homolog.patient.compare import groomed_patient
 from homolog.patient.files import patient_at
 from homolog.progress import part_of, run_in_background, tick_of
 
@@ -146,19 +146,17 @@ def compare_patient(
     compared = part_of(tick, 0.3, 1.0)
 
     def groomed(given: object, own: Reference) -> GroomedSubject:
-        settings = own.provenance.groom
+        settings, begun = own.provenance.groom, part_of(tick, 0.0, 0.3)
         cohort, sources = cohort_of([given], voxel_size, settings)
         (subject,) = cohort.subjects
         source = sources.get(subject.name)
         if source is None:
-            return groom_subject(subject, settings)
-        return groom(subject.name, check_source(source, settings, subject.name), settings)
-
-    def work(make: Callable[[], GroomedSubject]) -> GroomedSubject:
-        return run_in_background(lambda _: make(), part_of(tick, 0.0, 0.3), "grooming")
+            return groomed_patient(own, subject, begun)
+        check_source(source, settings, subject.name)
+        return run_in_background(lambda _: groom(subject.name, source, settings), begun, "grooming")
 
     if isinstance(known, Reference):
-        alone = work(lambda: groomed(shape, known))
+        alone = groomed(shape, known)
         return compare_groomed(known, alone, values, side=side, force=force, tick=compared)
     if isinstance(shape, str | PathLike):
         patient = patient_at(path_of(shape), known.files)
@@ -167,7 +165,7 @@ def compare_patient(
     if unknown := [str(name) for name in given if name not in known.structures]:
         raise InputError(f"{', '.join(unknown)}: is none of {', '.join(known.structures)}")
     parts = {
-        name: work(partial(groomed, given[name], own))
+        name: groomed(given[name], own)
         for name, own in known.structures.items()
         if given.get(name) is not None
     }

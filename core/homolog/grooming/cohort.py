@@ -3,7 +3,7 @@
 import logging
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -37,8 +37,7 @@ from homolog.grooming.subject import (
 from homolog.grooming.twins import twins
 from homolog.io.constraints import cuts_of
 from homolog.io.images import Segmentation
-from homolog.io.markups import read_markups
-from homolog.io.structures import ENDED
+from homolog.io.markups import Markups, read_markups
 from homolog.progress import Tick, no_tick, part_of
 from homolog.registration.align import of_other_units
 from homolog.settings import GroomSettings, Pieces
@@ -46,7 +45,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog.threads import cores
 from homolog.workers import main_guard_hint, worker_processes
 
-__all__ = ["Problem", "Reading", "check_cohort", "compared", "groom_cohort"]
+__all__ = ["Problem", "Reading", "check_cohort", "compared", "groom_cohort", "is_unchanged", "landmarks_in"]
 
 _log = logging.getLogger(__name__)
 
@@ -78,10 +77,18 @@ class Reading:
         The `content_key` of its shape.
     source : _Packed or TriangleMesh or None
         The shape, if it is kept.
+    landmarks : Markups or None
+        The subject's landmarks, if it has any.
     """
 
     key: str
     source: "_Packed | TriangleMesh | None" = None
+    landmarks: Markups | None = None
+
+
+def landmarks_in(readings: Iterable[Mapping[str, Reading]]) -> dict[str, Markups]:
+    """Return the landmarks that were read, by subject."""
+    return {name: item.landmarks for those in readings for name, item in those.items() if item.landmarks}
 
 
 NOTHING_READ: Mapping[str, Reading] = {}
@@ -161,13 +168,12 @@ def check_cohort(
     wrong: dict[str, str] = {}
     most = _MOST_KEPT // max(len(cohort.subjects), 1) if readings is not None else 0
     jobs = {item.name: (item, settings, sources.get(item.name), most) for item in cohort.subjects}
-    for name, future in each_read(_read, jobs, "checking", tick, executor):
+    files = {item.name: item.path for item in cohort.subjects}
+    for name, future in each_read(_read, jobs, files, "checking", tick, executor):
         try:
             contents[name] = future.result()
         except InputError as error:
             wrong[name] = str(error)
-        except BrokenExecutor:
-            wrong[name] = f"{jobs[name][0].path}: {ENDED}"
     if readings is not None:
         readings |= {name: item.reading for name, item in contents.items() if name not in sources}
     problems = [Problem(name, message) for name, message in wrong.items()]
@@ -187,10 +193,9 @@ def _read(job: _Check) -> _Content:
     subject, common, given, most = job
     settings = settings_of(subject, common)
     source = read_source(subject, settings) if given is None else check_source(given, settings, subject.name)
-    if subject.landmarks is not None:
-        read_markups(subject.landmarks)
+    landmarks = None if subject.landmarks is None else read_markups(subject.landmarks)
     check_cuts(subject.name, cuts := cuts_of(subject, settings.segment), source)
-    reading = Reading(content_key(source, settings, cuts)) if most else Reading("")
+    reading = Reading(content_key(source, settings, cuts) if most else "", landmarks=landmarks)
     if isinstance(source, TriangleMesh):
         kept = source.vertices.nbytes + source.faces.nbytes <= most
         return _Content(replace(reading, source=source if kept else None))
@@ -200,6 +205,32 @@ def _read(job: _Check) -> _Content:
         source.name.strip() if source.name and settings.segment is None else "",
         settings.pieces is Pieces.LARGEST and is_pair(with_missing_slices(source)[0].mask),
     )
+
+
+def is_unchanged(cohort: Cohort, settings: GroomSettings, cache: Path, tick: Tick = no_tick) -> bool:
+    """Return whether a cache has every subject as its file is now; files are read in workers.
+
+    A file that can't be read counts as changed; whoever grooms it reports the fault.
+    """
+    stored = {subject.name: stored_key(cache, subject.name) for subject in cohort.subjects}
+    if not all(stored.values()):
+        return False
+    jobs = {subject.name: (subject, settings) for subject in cohort.subjects}
+    files = {subject.name: subject.path for subject in cohort.subjects}
+    return all(
+        future.exception() is None and future.result() == stored[name]
+        for name, future in each_read(_key, jobs, files, "comparing", tick)
+    )
+
+
+def _key(job: tuple[Subject, GroomSettings]) -> str:
+    """Return the key of a subject's file; empty if it can't be read."""
+    subject, common = job
+    try:
+        settings = settings_of(subject, common)
+        return content_key(read_source(subject, settings), settings, cuts_of(subject, settings.segment))
+    except InputError:
+        return ""
 
 
 def _of_other_names(called: dict[str, str]) -> list[Problem]:

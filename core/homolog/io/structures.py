@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
@@ -31,7 +30,6 @@ __all__ = [
 
 _LISTED = 12
 """Largest number of structures in a message."""
-ENDED = "the process that read it ended: it is damaged, or memory is short; export it again, or exclude it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,13 +226,12 @@ def list_structures(cohort: Cohort, tick: Tick = no_tick, values: Values = Value
     unavailable: dict[str, list[str]] = {}
     read: dict[str, tuple[list[SubjectStructure], tuple[str, ...]]] = {}
     jobs = {subject.name: (subject, values) for subject in cohort.subjects}
-    for name, future in each_read(_contents_of, jobs, "reading", tick):
+    files = {subject.name: subject.path for subject in cohort.subjects}
+    for name, future in each_read(_contents_of, jobs, files, "reading", tick):
         try:
             read[name] = future.result()
         except InputError as error:
             problems[name] = str(error)
-        except BrokenExecutor:
-            problems[name] = f"{jobs[name][0].path}: {ENDED}"
     by_subject = {name: read[name][0] for name in jobs if name in read}
     for fault in (fault for name in by_subject for fault in read[name][1]):
         unavailable.setdefault(fault.partition(": ")[2], []).append(fault)

@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from homolog import __version__
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
+from homolog.cluster import read_apart
 from homolog.cohort import SIDE_COLUMN, Subject, side_of_word
 from homolog.correspondence import Shape
 from homolog.errors import InputError, NumericalError
@@ -23,13 +25,13 @@ from homolog.patient.local import Region, bands_of, regions, scores_of
 from homolog.patient.own_surface import OwnSurface, own_surface
 from homolog.patient.reference import Reference
 from homolog.patient.wall import local_maps
-from homolog.progress import Tick, no_tick, part_of, run_in_background
+from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import MIRROR
 from homolog.surfaces.simplify import simplified
 from homolog.threads import on_one_thread
 
-__all__ = ["PatientComparison", "compare_groomed", "compare_patient", "named_direction"]
+__all__ = ["PatientComparison", "compare_groomed", "compare_patient", "groomed_patient", "named_direction"]
 
 _DIRECTIONS = (("right", "left"), ("anterior", "posterior"), ("inferior", "superior"))
 _CLEAR = 0.45
@@ -184,9 +186,7 @@ def compare_patient(
         If the file contains no shape or one of another unit, side or structure, or a covariate is missing.
     """
     reference.coding.columns(covariates or {})
-    groomed = run_in_background(
-        lambda _: groom_subject(subject, reference.provenance.groom), part_of(tick, 0.0, 0.5), "grooming"
-    )
+    groomed = groomed_patient(reference, subject, part_of(tick, 0.0, 0.5))
     return compare_groomed(
         reference,
         groomed,
@@ -196,6 +196,12 @@ def compare_patient(
         force=force,
         tick=part_of(tick, 0.5, 1.0),
     )
+
+
+def groomed_patient(reference: Reference, subject: Subject, tick: Tick) -> GroomedSubject:
+    """Groom a patient's file with the settings of the controls, in a worker."""
+    work = partial(groom_subject, settings=reference.provenance.groom)
+    return read_apart(work, subject, subject.path, tick, "grooming")
 
 
 @on_one_thread

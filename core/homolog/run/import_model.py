@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from homolog.arrays import Array, FloatArray
+from homolog.cluster import each_read
 from homolog.cohort import MESH_SUFFIXES, Cohort, Subject, suffix_of
 from homolog.errors import InputError, NumericalError
 from homolog.geometry import fit_similarity, rms_radius, transform_points
@@ -494,13 +495,16 @@ def surfaces_of(
         From local to world.
     tick : Tick
     """
-    surfaces: list[SubjectSurface | None] = []
-    refused: list[str] = []
-    for index, (subject, points) in enumerate(zip(subjects, local, strict=True)):
-        tick(index / len(subjects), f"surface of {subject.name}")
-        surface, reason = _own(subject, points)
-        surfaces.append(surface)
-        refused.append(reason)
+    surfaces: list[SubjectSurface | None] = [None] * len(subjects)
+    refused = ["has no surface"] * len(subjects)
+    row = {subject.name: index for index, subject in enumerate(subjects)}
+    files = {subject.name: subject.shapes[0] for subject in subjects if subject.shapes}
+    jobs = {name: (subjects[row[name]], local[row[name]]) for name in files}
+    for name, future in each_read(_own, jobs, files, "reading the surface of", tick):
+        try:
+            surfaces[row[name]], refused[row[name]] = future.result()
+        except InputError as error:
+            refused[row[name]] = _refusal(name, error)
     have = [index for index, surface in enumerate(surfaces) if surface is not None]
     if not have:
         return [
@@ -530,20 +534,25 @@ def surfaces_of(
     return result
 
 
-def _own(subject: ForeignSubject, points: FloatArray) -> tuple[SubjectSurface | None, str]:
-    """Return the surface of the first usable file, or the reason why there is none."""
-    reason = "has no surface"
+def _own(job: tuple[ForeignSubject, FloatArray]) -> tuple[SubjectSurface | None, str]:
+    """Return the surface of the first usable file, or the reason why there is none; in a worker."""
+    subject, points = job
+    reason = ""
     for path in subject.shapes:
         try:
             mesh = _read(subject.name, path)
             gap = _gap(mesh, points)
         except (InputError, NumericalError) as error:
-            reason = f"its surface can't be used ({str(error).removeprefix(f'{subject.name}: ')})"
+            reason = _refusal(subject.name, error)
             continue
         if gap <= 0.0:
             return SubjectSurface(mesh, path), ""
         reason = f"its particles are not on the surface in {path.name}"
     return None, reason
+
+
+def _refusal(name: str, error: Exception) -> str:
+    return f"its surface can't be used ({str(error).removeprefix(f'{name}: ')})"
 
 
 def _read(name: str, path: Path) -> TriangleMesh:

@@ -9,14 +9,16 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from homolog.arrays import FloatArray, frozen
+from homolog.cluster import each_read
 from homolog.cohort import Cohort
 from homolog.correspondence import Shape
 from homolog.errors import InputError
 from homolog.geometry import rms_radius
-from homolog.io.markups import landmark_table, read_markups
+from homolog.io.markups import Markups, landmark_table, read_markups
 from homolog.io.meshes import read_mesh
 from homolog.io.project import ProjectFolder
 from homolog.io.results import read_result, surface_file
+from homolog.progress import no_tick
 from homolog.statistics.thin_plate import landmark_errors
 from homolog.surfaces.closest import closest_points
 from homolog.surfaces.mesh import TriangleMesh
@@ -29,18 +31,23 @@ __all__ = [
     "with_landmarks_of_structures",
 ]
 
+NOTHING_KNOWN: Mapping[str, Markups] = {}
 _FAR = 0.25  # largest distance of landmarks from their surface, relative to its size
 
 
-def with_landmarks(shapes: Sequence[Shape], cohort: Cohort) -> list[Shape]:
+def with_landmarks(
+    shapes: Sequence[Shape], cohort: Cohort, known: Mapping[str, Markups] = NOTHING_KNOWN
+) -> list[Shape]:
     """Return the shapes with the landmarks that exist on all subjects.
+
+    Those that are `known`, by subject, are not read again.
 
     Raises
     ------
     InputError
         If a subject has no landmarks, they are not on its surface, or no landmark exists on all subjects.
     """
-    files, table = _table(cohort)
+    files, table = _table(cohort, known)
     everywhere = np.isfinite(table).all(axis=(0, 2))
     if not everywhere.any():
         raise _no_common(cohort)
@@ -51,7 +58,7 @@ def with_landmarks(shapes: Sequence[Shape], cohort: Cohort) -> list[Shape]:
 
 
 def with_landmarks_of_structures(
-    structures: Mapping[str, Sequence[Shape]], cohort: Cohort
+    structures: Mapping[str, Sequence[Shape]], cohort: Cohort, known: Mapping[str, Markups] = NOTHING_KNOWN
 ) -> dict[str, list[Shape]]:
     """Return the shapes of several structures with the landmarks that exist on all subjects of a structure.
 
@@ -62,7 +69,7 @@ def with_landmarks_of_structures(
     InputError
         See `with_landmarks`.
     """
-    files, table = _table(cohort)
+    files, table = _table(cohort, known)
     row = {subject.name: number for number, subject in enumerate(cohort.subjects)}
     gaps = np.full((len(structures), *table.shape[:2]), np.inf)
     for own, shapes in zip(gaps, structures.values(), strict=True):
@@ -96,7 +103,14 @@ def _no_common(cohort: Cohort) -> InputError:
     )
 
 
-def _table(cohort: Cohort) -> tuple[dict[str, Path], FloatArray]:
+def _read(files: Mapping[str, Path]) -> dict[str, Markups]:
+    """Read subjects' landmarks in workers."""
+    return {
+        name: future.result() for name, future in each_read(read_markups, files, files, "reading", no_tick)
+    }
+
+
+def _table(cohort: Cohort, known: Mapping[str, Markups]) -> tuple[dict[str, Path], FloatArray]:
     """Return the files of the subjects' landmarks, and these as (M, L, 3), NaN where one is missing."""
     files = {subject.name: subject.landmarks for subject in cohort.subjects if subject.landmarks is not None}
     without = [subject.name for subject in cohort.subjects if subject.name not in files]
@@ -105,8 +119,8 @@ def _table(cohort: Cohort) -> tuple[dict[str, Path], FloatArray]:
             f"{', '.join(without)}: has no landmarks; place them in 3D Slicer and save them as NAME.mrk.json "
             "next to the file, or run without landmarks"
         )
-    _, table = landmark_table([read_markups(files[subject.name]) for subject in cohort.subjects])
-    return files, table
+    markups = {**known, **_read({name: file for name, file in files.items() if name not in known})}
+    return files, landmark_table([markups[subject.name] for subject in cohort.subjects])[1]
 
 
 def check_landmarks(path: Path, name: str, points: FloatArray, mesh: TriangleMesh) -> None:
@@ -196,8 +210,8 @@ def project_landmark_errors(project: ProjectFolder) -> LandmarkErrors | None:
         if subject.landmarks is not None
     }
     chosen = [index for index, name in enumerate(result.names) if name in files]
-    markups = [read_markups(files[result.names[index]]) for index in chosen]
-    names, table = landmark_table(markups)
+    markups = _read({result.names[index]: files[result.names[index]] for index in chosen})
+    names, table = landmark_table([markups[result.names[index]] for index in chosen])
     if not names:
         return None
     meshes = [read_mesh(surface_file(project, record.subjects[index].file)) for index in chosen]

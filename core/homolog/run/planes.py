@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from homolog.arrays import FloatArray
+from homolog.cluster import each_read, read_apart
 from homolog.cohort import Cohort, Subject, column_of
 from homolog.correspondence.initialization.registration import Registration
 from homolog.errors import InputError
@@ -143,22 +144,28 @@ def with_regions(cohort: Cohort, pattern: str) -> Cohort:
     files = {item.name: Path(pattern.replace("{subject}", item.name)) for item in cohort.subjects}
     if not any(file.is_file() for file in files.values()):
         raise InputError(f"{pattern}: no such file exists, such as {next(iter(files.values()))}")
-    subjects, faults = [], []
-    for subject in cohort.subjects:
-        file = files[subject.name]
+    jobs = {
+        item.name: (files[item.name], item.path) for item in cohort.subjects if files[item.name].is_file()
+    }
+    read, faults = dict[str, tuple[Cut, ...]](), dict[str, str]()
+    for name, future in each_read(_cuts_beside, jobs, files, "reading", no_tick):
         try:
-            cuts: tuple[Cut, ...] = ()
-            if file.suffix.lower() == ".json" and file.is_file():
-                cuts = read_constraints(file)
-            elif file.is_file():
-                cuts = read_flags(file, subject.path)
-            text = text_of(cuts) or column_of(subject.columns, COLUMN)
-            subjects.append(replace(subject, columns={**_without_planes(subject).columns, COLUMN: text}))
+            read[name] = future.result()
         except InputError as error:
-            faults.append(str(error))
+            faults[name] = str(error)
     if faults:
-        raise InputError("\n".join(faults))
+        raise InputError("\n".join(faults[item.name] for item in cohort.subjects if item.name in faults))
+    subjects = []
+    for subject in cohort.subjects:
+        text = text_of(read.get(subject.name, ())) or column_of(subject.columns, COLUMN)
+        subjects.append(replace(subject, columns={**_without_planes(subject).columns, COLUMN: text}))
     return replace(cohort, subjects=tuple(subjects))
+
+
+def _cuts_beside(job: tuple[Path, Path]) -> tuple[Cut, ...]:
+    """Read a file of constraints, or of a number for each vertex of a shape's file."""
+    file, shape = job
+    return read_constraints(file) if file.suffix.lower() == ".json" else read_flags(file, shape)
 
 
 def _without_planes(subject: Subject) -> Subject:
@@ -170,7 +177,7 @@ def marked(subject: Subject, names: Sequence[str] = ()) -> FloatArray:
     """Return the positions of three landmarks of a subject, (3, 3); its first ones without names."""
     if subject.landmarks is None:
         raise InputError(f"{subject.name}: has no landmarks; save them as NAME.mrk.json next to the file")
-    markups = read_markups(subject.landmarks)
+    markups = read_apart(read_markups, subject.landmarks, subject.landmarks)
     if not names and len(markups.names) < 3:
         raise InputError(f"{subject.landmarks}: has fewer than three landmarks; place three for a plane")
     names = names or markups.names[:3]

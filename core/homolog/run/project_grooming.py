@@ -6,12 +6,9 @@ from concurrent.futures import Executor
 from homolog.arrays import FloatArray
 from homolog.cluster import retried_on_workers, subject_executor
 from homolog.cohort import Cohort
-from homolog.errors import InputError
 from homolog.grooming import GroomedSubject, compared, groom_cohort
-from homolog.grooming.cache import content_key, load_groomed
-from homolog.grooming.subject import read_source, settings_of
-from homolog.io.constraints import cuts_of
-from homolog.io.names import file_stems
+from homolog.grooming.cache import load_groomed, stored_key
+from homolog.grooming.cohort import is_unchanged
 from homolog.io.project import ProjectFolder
 from homolog.progress import Tick, part_of
 from homolog.registration import align_cohort
@@ -105,18 +102,11 @@ def groomed_before(
     """Return a project's cached groomed subjects, aligned; None unless all are up to date."""
     parts: dict[str, list[GroomedSubject]] = {}
     for name, (groom, folder) in _folders(settings, project).items():
-        parts[name] = []
-        for number, subject in enumerate(cohort.subjects):
-            tick(number / len(cohort.subjects), f"looking for the groomed shape of {subject.name}")
-            if not (folder.groomed / f"{file_stems([subject.name])[0]}.npz").is_file():
-                return None
-            try:
-                own = settings_of(subject, groom)
-                key = content_key(read_source(subject, own), own, cuts_of(subject, own.segment))
-            except InputError:
-                return None  # reported when files are read
-            kept = load_groomed(folder.groomed, subject.name, key)
-            if kept is None:
-                return None
-            parts[name].append(kept)
+        if not is_unchanged(cohort, groom, folder.groomed, tick):
+            return None
+        stored = [(item.name, stored_key(folder.groomed, item.name)) for item in cohort.subjects]
+        kept = [load_groomed(folder.groomed, *item) for item in stored]
+        parts[name] = [item for item in kept if item is not None]
+        if len(parts[name]) < len(kept):  # damaged
+            return None
     return _aligned(cohort, parts, settings, project, tick) if cohort.subjects else None

@@ -1,10 +1,7 @@
 """Whether a project already has the result of a run."""
 
 from homolog.cohort import Cohort, column_of, sides_of
-from homolog.errors import InputError
-from homolog.grooming.cache import content_key, load_groomed
-from homolog.grooming.subject import read_source, settings_of
-from homolog.io.constraints import cuts_of
+from homolog.grooming.cohort import is_unchanged
 from homolog.io.project import ProjectFolder
 from homolog.io.records import IMPORTED, ResultRecord
 from homolog.progress import Tick, no_tick
@@ -27,7 +24,7 @@ def is_result_of(project: ProjectFolder, cohort: Cohort, settings: RunSettings, 
     cohort : Cohort
     settings : RunSettings
     tick : Tick
-        Called once per subject, whose file is read.
+        Called at least every 0.1 s.
 
     Returns
     -------
@@ -48,16 +45,7 @@ def is_result_of(project: ProjectFolder, cohort: Cohort, settings: RunSettings, 
             folders[name].exists and is_result_of(folders[name], cohort, own, tick)
             for name, own in several.items()
         )
-    for index, subject in enumerate(cohort.subjects):
-        tick(index / len(cohort.subjects), f"comparing {subject.name} with the result")
-        try:
-            own = settings_of(subject, settings.groom)
-            key = content_key(read_source(subject, own), own, cuts_of(subject, own.segment))
-        except InputError:
-            return False  # reported by the run
-        if load_groomed(project.groomed, subject.name, key) is None:
-            return False
-    return True
+    return is_unchanged(cohort, settings.groom, project.groomed, tick)
 
 
 def _matches_request(result: ResultRecord, cohort: Cohort, settings: RunSettings) -> bool:

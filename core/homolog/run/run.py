@@ -12,8 +12,10 @@ from homolog.correspondence import Checkpoint, Frame
 from homolog.device import choose_device, device_faults
 from homolog.errors import Cancelled, InputError
 from homolog.grooming import GroomedSubject, Problem, Reading, check_cohort, groom_cohort
+from homolog.grooming.cohort import landmarks_in
 from homolog.io.atomic import report_os_errors
 from homolog.io.mapped import mapped_within
+from homolog.io.markups import Markups
 from homolog.io.project import ProjectFolder
 from homolog.io.records import ProjectRecord
 from homolog.io.results import Result
@@ -98,6 +100,7 @@ class Run:
         self._lacking: dict[str, set[str]] = {}
         self._grooms = settings.groom.of_structures or {"": settings.groom}
         self._readings: dict[str, dict[str, Reading]] = {name: {} for name in self._grooms}
+        self._landmarks: Mapping[str, Markups] = {}
         self._store: Store = in_memory
 
     @property
@@ -231,6 +234,7 @@ class Run:
                     self._control.tick,
                     project=self.project,
                     prior=prior,
+                    landmarks=self._landmarks,
                 )
                 outcome = self._optimized(self._study, prior)
             else:
@@ -242,6 +246,7 @@ class Run:
                     self._control.tick,
                     prior=prior,
                     registrations=self.project.registrations,
+                    landmarks=self._landmarks,
                 )
                 outcome = self._optimized(self._study, prior)
             self._control.enter(Phase.MODELING, "another seed")
@@ -388,6 +393,7 @@ class Run:
 
         workers, announce = self._settings.workers or cores(), self._control.work_on
         groomed = retried_on_workers(work, "grooming", workers, self._settings.cluster, announce)
+        self._landmarks = landmarks_in(self._readings.values())
         self._readings = {name: {} for name in self._grooms}
         misplaced = in_other_frames(groomed)
         if misplaced and not self._skip_bad:

@@ -1,6 +1,6 @@
 """The steps of a run after grooming, for runs in a project and in memory."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TypedDict, Unpack
 
@@ -19,13 +19,14 @@ from homolog.correspondence import (
 from homolog.device import device_faults
 from homolog.geodesics import GeodesicSolver, solve_tables
 from homolog.grooming import GroomedSubject
+from homolog.io.markups import Markups
 from homolog.memory import OnDemand, Store, in_memory, return_freed_memory
 from homolog.progress import Tick, run_in_background
 from homolog.registration import align_cohort
 from homolog.run.control import Control
 from homolog.run.events import Phase
 from homolog.run.fingerprints import run_fingerprint
-from homolog.run.landmarks import with_landmarks
+from homolog.run.landmarks import NOTHING_KNOWN, with_landmarks
 from homolog.run.prior_result import PriorResult
 from homolog.run.result import OptimizationInput, OptimizationOutcome, add_repair_notes
 from homolog.run.subject_fits import groomed_shape
@@ -44,6 +45,7 @@ def prepare_inputs(
     prior: PriorResult | None = None,
     registrations: Path | None = None,
     folder: Path | None = None,
+    landmarks: Mapping[str, Markups] = NOTHING_KNOWN,
 ) -> OptimizationInput:
     """Align groomed subjects, and add landmarks for the initial particles.
 
@@ -63,6 +65,8 @@ def prepare_inputs(
     folder : Path, optional
         Where the groomed subjects are, if `groomed` has only their outlines: shapes are then read from there
         on each access.
+    landmarks : mapping of str to Markups
+        Landmarks that were read already, by subject.
 
     Returns
     -------
@@ -91,7 +95,7 @@ def prepare_inputs(
     if prior is not None:
         shapes = prior.shapes(shapes)
     elif settings.optimize.landmarks:
-        shapes = with_landmarks(shapes, cohort)
+        shapes = with_landmarks(shapes, cohort, landmarks)
     return OptimizationInput(
         cohort, settings, annotated, shapes, run_fingerprint(settings.placing, shapes, tick), device
     )

@@ -17,12 +17,13 @@ from homolog.correspondence import Shape
 from homolog.geometry import rms_radius
 from homolog.grooming import GroomedSubject, GroomReport, Problem
 from homolog.grooming.cache import read_groomed
+from homolog.io.markups import Markups
 from homolog.io.project import ProjectFolder
 from homolog.memory import OnDemand
 from homolog.progress import Tick, part_of
 from homolog.registration import align_cohort
 from homolog.run.fingerprints import run_fingerprint
-from homolog.run.landmarks import with_landmarks_of_structures
+from homolog.run.landmarks import NOTHING_KNOWN, with_landmarks_of_structures
 from homolog.run.prior_result import PriorResult
 from homolog.run.result import OptimizationInput
 from homolog.run.steps import prepare_inputs
@@ -69,6 +70,7 @@ def prepare_joint_inputs(
     project: ProjectFolder | None = None,
     prior: PriorResult | None = None,
     folders: Mapping[str, Path] | None = None,
+    landmarks: Mapping[str, Markups] = NOTHING_KNOWN,
 ) -> OptimizationInput:
     """Align the groomed structures, each with its like, and as wholes the subjects that have all.
 
@@ -89,6 +91,8 @@ def prepare_joint_inputs(
     folders : mapping of str to Path, optional
         Where the groomed subjects of each structure are, if `groomed` has only their outlines: shapes are
         then read from there on each access.
+    landmarks : mapping of str to Markups
+        Landmarks that were read already, by subject.
 
     Returns
     -------
@@ -115,7 +119,9 @@ def prepare_joint_inputs(
         name: prepared(number, name, own) for number, (name, own) in enumerate(settings.of_structures.items())
     }
     if optimize.landmarks and prior is None:
-        marked = with_landmarks_of_structures({name: part.shapes for name, part in parts.items()}, cohort)
+        marked = with_landmarks_of_structures(
+            {name: part.shapes for name, part in parts.items()}, cohort, landmarks
+        )
         parts = {name: replace(part, shapes=marked[name]) for name, part in parts.items()}
     rows = [{item.name: row for row, item in enumerate(part.groomed)} for part in parts.values()]
     everything = set(rows[0]).intersection(*rows[1:])
