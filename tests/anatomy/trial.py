@@ -18,7 +18,7 @@ from homolog.grooming.subject import GroomedSubject, groom_subject
 from homolog.io.meshes import write_mesh
 from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import check_mesh, check_surface, euler_number
+from homolog.surfaces.topology import check_mesh, euler_number
 
 __all__ = ["SLOWEST_S", "Trial", "attempt"]
 
@@ -161,7 +161,7 @@ def _faults_of_sheet(groomed: GroomedSubject) -> list[str]:
     faults = []
     for name, mesh in (("mesh", groomed.mesh), ("coarse mesh", groomed.coarse_mesh)):
         try:
-            check_surface(mesh, name)
+            check_mesh(mesh, name, may_open=True)
         except InputError as error:
             faults.append(str(error))
     return faults

@@ -32,7 +32,7 @@ from homolog.statistics.design import reference_first
 from homolog.statistics.procrustes import Alignment
 from homolog.statistics.shape_model import ShapeModel
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import check_surface
+from homolog.surfaces.topology import check_mesh
 from homolog.threads import cores
 from homolog_app.pictures import write_picture
 from homolog_app.rendering.camera import Clip
@@ -374,7 +374,7 @@ def _surfaces(project: ProjectFolder, record: ResultRecord) -> list[TriangleMesh
     for subject in record.subjects:
         try:
             meshes.append(read_surface(project, subject))
-            check_surface(meshes[-1], subject.name)
+            check_mesh(meshes[-1], subject.name, may_open=True)
         except InputError:
             return []
     return meshes

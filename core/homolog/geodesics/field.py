@@ -17,7 +17,7 @@ from homolog.geodesics.mesh.intrinsic import triangulate
 from homolog.geodesics.plan import Task
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import check_surface
+from homolog.surfaces.topology import check_mesh
 
 __all__ = ["distances_from"]
 
@@ -35,7 +35,7 @@ def distances_from(
     Parameters
     ----------
     mesh : TriangleMesh
-        A surface, closed or with rims (see `check_surface`).
+        A surface, closed or with rims (see `check_mesh`).
     sources : sequence of int
         Indices of the vertices from which distances are measured.
     start : sequence of float, optional
@@ -54,9 +54,9 @@ def distances_from(
     Raises
     ------
     InputError
-        If `check_surface` refuses the mesh, or a source is not one of its vertices.
+        If `check_mesh` refuses the mesh, or a source is not one of its vertices.
     """
-    check_surface(mesh, name)
+    check_mesh(mesh, name, may_open=True)
     n = len(mesh.vertices)
     indices = np.asarray(sources, int)
     if len(indices) == 0 or indices.min() < 0 or indices.max() >= n:

@@ -14,7 +14,7 @@ from homolog.geodesics.kernels import local_solver
 from homolog.geodesics.kernels.lookup import LANES, MISSING
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import check_surface, edges
+from homolog.surfaces.topology import check_mesh, edges
 from homolog.threads import cores, in_threads
 
 __all__ = ["TablePlan", "Task", "block_rows", "plan_tables", "table_bytes"]
@@ -29,7 +29,7 @@ class Task:
     name : str
         Name of the subject, for messages.
     mesh : TriangleMesh
-        A surface that passed `check_surface`.
+        A surface that passed `check_mesh`.
     d_max : float
         Longest distance [mm] that the table keeps.
     max_distance : float
@@ -94,7 +94,7 @@ def plan_tables(
     Raises
     ------
     InputError
-        If `check_surface` refuses a mesh, d_max is not positive, or the tables would exceed the limit.
+        If `check_mesh` refuses a mesh, d_max is not positive, or the tables would exceed the limit.
     """
     labels = [f"mesh {k + 1}" for k in range(len(meshes))] if names is None else names
     limits = np.broadcast_to(np.asarray(d_max, float), len(meshes)).tolist()
@@ -117,7 +117,7 @@ def _task(name: str, mesh: TriangleMesh, d_max: float) -> Task:
     """Check a mesh, and bound its distances if d_max exceeds the diagonal of the bounding box."""
     if not d_max > 0.0:
         raise InputError(f"{name}: d_max is {d_max}; geodesic distances need a positive length in mm")
-    check_surface(mesh, name)
+    check_mesh(mesh, name, may_open=True)
     is_short = d_max < float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     bound = d_max if is_short else min(d_max, 2.0 * _reach(mesh))
     return Task(name, mesh, d_max, bound, mesh.mean_edge, mesh.area)

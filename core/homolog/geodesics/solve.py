@@ -63,7 +63,7 @@ def solve_tables(
     Parameters
     ----------
     meshes : sequence of TriangleMesh
-        Surfaces, closed or with rims (see `check_surface`).
+        Surfaces, closed or with rims (see `check_mesh`).
     d_max : float or sequence of float
         Longest geodesic distance [mm] to store, for all meshes or for each; inf stores all pairs. Distances
         up to r between arbitrary points need r plus twice the longest edge.

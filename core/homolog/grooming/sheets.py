@@ -13,7 +13,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.rims import coinciding
 from homolog.surfaces.simplify import simplified
 from homolog.surfaces.solid import oriented, welded
-from homolog.surfaces.topology import face_components, rim_numbers, rim_sides, surface_fault, unpinched
+from homolog.surfaces.topology import face_components, mesh_fault, rim_numbers, rim_sides, unpinched
 
 __all__ = ["CRUMBS", "KEPT", "Sheet", "check_share", "chosen_faces", "sheet_of"]
 
@@ -85,7 +85,7 @@ def sheet_of(mesh: TriangleMesh, settings: GroomSettings) -> Sheet | None:
     check_share(share, int(pieces.max()) + 1)
     used = unpinched(chosen_faces(whole, kept))
     rim, _ = rim_sides(used.faces)
-    if (fault := surface_fault(used)) or not len(rim):
+    if (fault := mesh_fault(used, may_open=True)) or not len(rim):
         if settings.openings is Openings.OPEN:
             raise InputError(f"the mesh can't stay open: it {fault or 'has no rim'}")
         return None

@@ -13,7 +13,7 @@ from homolog.settings import GroomSettings, Openings, Pieces
 from homolog.surfaces.closest import distances_to
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.solid import Solid, clusters, solid_of
-from homolog.surfaces.topology import check_mesh, face_components, rim_sides, without_cavities
+from homolog.surfaces.topology import face_components, mesh_fault, rim_sides, without_cavities
 
 __all__ = ["Triangles", "check_triangles", "level_of_triangles", "notes_on_groomed"]
 
@@ -106,7 +106,7 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
     largest = chosen_faces(mesh, pieces == 0)
     crumbs = 1.0 - _share(mesh.face_areas, pieces == 0)
     may_drop = settings.pieces is Pieces.LARGEST and crumbs <= CRUMBS
-    if (may_drop or len(largest.faces) == len(mesh.faces)) and _is_sound(largest):
+    if (may_drop or len(largest.faces) == len(mesh.faces)) and not mesh_fault(largest):
         level = level_of_mesh(_outward(largest), settings.spacing)
         dropped = int(pieces.max())
         kept = f"{100.0 - 100.0 * crumbs:.3g} % of the area"
@@ -234,14 +234,6 @@ def _touching(mesh: TriangleMesh, level: Level, inside: BoolArray) -> BoolArray:
 
 def _share(areas: FloatArray, chosen: BoolArray) -> float:
     return float(areas[chosen].sum() / max(float(areas.sum()), 1e-300))
-
-
-def _is_sound(mesh: TriangleMesh) -> bool:
-    try:
-        check_mesh(mesh, "")
-    except InputError:
-        return False
-    return True
 
 
 def _outward(mesh: TriangleMesh) -> TriangleMesh:

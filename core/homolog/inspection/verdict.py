@@ -35,7 +35,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import MIRROR, mirrors
 from homolog.surfaces.nearest import nearest_particles, normals_at
 from homolog.surfaces.orientation import FILES_SPREAD, INDEPENDENT
-from homolog.surfaces.topology import check_surface
+from homolog.surfaces.topology import check_mesh
 
 __all__ = [
     "Agreement",
@@ -385,7 +385,7 @@ def read_verdict(project: ProjectFolder, world: FloatArray, tick: Tick = no_tick
 
     def surface(index: int) -> TriangleMesh:
         mesh = read_surface(project, subjects[index])
-        check_surface(mesh, subjects[index].name)
+        check_mesh(mesh, subjects[index].name, may_open=True)
         return mesh.placed(np.array(subjects[index].alignment))
 
     alignments = np.array([item.alignment for item in subjects]) if subjects else None

@@ -26,7 +26,7 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.run.result import OptimizationInput, OptimizationOutcome, add_note, model_of, write_result
 from homolog.run.structures import joined_subject
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import check_surface
+from homolog.surfaces.topology import check_mesh
 from homolog.threads import cores
 
 __all__ = [
@@ -93,7 +93,7 @@ def inspect_project(
 def _check_surfaces(names: Sequence[str], meshes: Sequence[TriangleMesh]) -> None:
     for name, mesh in zip(names, meshes, strict=True):
         try:
-            check_surface(mesh, name)
+            check_mesh(mesh, name, may_open=True)
         except InputError as error:
             raise InputError(
                 f"{name}: was imported without a surface, which the check needs; import the model with its "

@@ -15,7 +15,7 @@ from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.remesh import Sizes, curvature_sizes, remeshed
 from homolog.surfaces.simplify import simplified
-from homolog.surfaces.topology import check_mesh, face_components, is_sound
+from homolog.surfaces.topology import check_mesh, face_components, mesh_fault
 from homolog.surfaces.topology import edges as edges_of
 
 __all__ = ["coarse_isosurface", "isosurface", "marching_cubes", "vertex_count", "zero_level"]
@@ -164,7 +164,7 @@ def _meshed(
     for _ in range(1 + _REFINEMENTS):
         mesh = remeshed(start, field, _at(tree, sizes))
         far = _far(mesh, field, references, tree, 2.0 * tolerance)
-        whole = is_sound(mesh) and _euler_number(mesh) == euler
+        whole = not mesh_fault(mesh) and _euler_number(mesh) == euler
         near = whole and _is_close(mesh, field, volume)
         if near and (n_far := int(np.count_nonzero(far))) < fewest:
             best, fewest = mesh, n_far
@@ -191,7 +191,7 @@ def _uneven(source: TriangleMesh, count: int, field: DistanceField, volume: floa
     """Return a simplified source, projected to the zero level where that is sound, or the source itself."""
     fewer = simplified(source, max(count, _LEAST))
     for mesh in (TriangleMesh(field.projected(fewer.vertices), fewer.faces), fewer):
-        if is_sound(mesh) and _is_close(mesh, field, volume):
+        if not mesh_fault(mesh) and _is_close(mesh, field, volume):
             return mesh
     check_mesh(source, "surface")
     return source

@@ -11,18 +11,16 @@ from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
     "check_mesh",
-    "check_surface",
     "edges",
     "enclosed_volume",
     "euler_number",
     "face_components",
     "first_of_twins",
-    "is_sound",
     "longest_edge",
     "may_have_twins",
+    "mesh_fault",
     "rim_numbers",
     "rim_sides",
-    "surface_fault",
     "unpinched",
     "without_cavities",
 ]
@@ -82,7 +80,7 @@ def longest_edge(mesh: TriangleMesh) -> float:
     return float(_longest_sides(mesh).max())
 
 
-def check_mesh(mesh: TriangleMesh, name: str) -> None:
+def check_mesh(mesh: TriangleMesh, name: str, *, may_open: bool = False) -> None:
     """Raise InputError unless a mesh is one closed, oriented, manifold surface without degenerate faces.
 
     Parameters
@@ -91,34 +89,15 @@ def check_mesh(mesh: TriangleMesh, name: str) -> None:
         Any arrays of the right shapes.
     name : str
         Subject or file, for the message.
+    may_open : bool
+        Whether it may have rims, and several pieces.
 
     Raises
     ------
     InputError
         With the first fault found and the remedy.
     """
-    if fault := _fault(mesh):
-        raise InputError(f"{name}: the mesh {fault}")
-
-
-def check_surface(mesh: TriangleMesh, name: str) -> None:
-    """Raise InputError unless a mesh is an oriented manifold without degenerate faces.
-
-    It may have rims, and several pieces.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        Any arrays of the right shapes.
-    name : str
-        Subject or file, for the message.
-
-    Raises
-    ------
-    InputError
-        With the first fault found and the remedy.
-    """
-    if fault := surface_fault(mesh):
+    if fault := mesh_fault(mesh, may_open=may_open):
         raise InputError(f"{name}: the mesh {fault}")
 
 
@@ -148,11 +127,6 @@ def _keys_of_places(vertices: FloatArray) -> FloatArray:
     return np.asarray(x + 0.7548776662466927 * y + 0.5698402909980532 * z)  # few others on a grid coincide
 
 
-def is_sound(mesh: TriangleMesh) -> bool:
-    """Return whether a mesh passes `check_mesh`."""
-    return not _fault(mesh)
-
-
 def without_cavities(solid: BoolArray) -> BoolArray:
     """Fill the cavities of a solid as SciPy's `binary_fill_holes` does, in a tenth of the time.
 
@@ -174,13 +148,9 @@ def without_cavities(solid: BoolArray) -> BoolArray:
     return np.asarray(~is_open[outside])
 
 
-def surface_fault(mesh: TriangleMesh) -> str:
-    """Return why a mesh is no oriented manifold without degenerate faces; empty if it is one."""
-    return _array_fault(mesh) or _face_fault(mesh) or _vertex_fault(mesh) or _side_fault(mesh, may_open=True)
-
-
-def _fault(mesh: TriangleMesh) -> str:
-    return _array_fault(mesh) or _face_fault(mesh) or _vertex_fault(mesh) or _side_fault(mesh)
+def mesh_fault(mesh: TriangleMesh, *, may_open: bool = False) -> str:
+    """Return why `check_mesh` refuses a mesh; empty if it does not."""
+    return _array_fault(mesh) or _face_fault(mesh) or _vertex_fault(mesh) or _side_fault(mesh, may_open)
 
 
 def _sides(faces: IntArray) -> IntArray:
@@ -238,7 +208,7 @@ def _vertex_fault(mesh: TriangleMesh) -> str:
     return ""
 
 
-def _side_fault(mesh: TriangleMesh, *, may_open: bool = False) -> str:
+def _side_fault(mesh: TriangleMesh, may_open: bool) -> str:
     """Return a fault of the connections of faces: at edges, as a whole, or around vertices.
 
     A mesh that may be open may also have several pieces.
