@@ -21,9 +21,6 @@ _ANY_NEIGHBOUR = np.ones((3, 3, 3), dtype=bool)
 _BRIDGE = 2.0
 """Radius of bridges [voxels]. Smoothing by σ leaves 1 - exp(-r²/2σ²) at the axis of a rod, which must be more
 than a half: r > 1.2 σ, and grooming adds up to σ = 1.3 by default."""
-_LEAST_OF_PAIR, _MOST_OF_ALL = 0.5, 0.9
-"""Two pieces are a pair if the smaller has at least the first fraction of the larger one's voxels, and both
-have at least the second fraction of all voxels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,10 +143,9 @@ def _bridged(
 
 
 def is_pair(mask: BoolArray) -> bool:
-    """Return whether a mask is mainly two separate pieces of similar size, as both lungs are."""
-    sizes = np.sort(np.bincount(ndimage.label(mask, _ANY_NEIGHBOUR)[0].ravel())[1:])
-    return bool(
-        len(sizes) > 1
-        and sizes[-2] >= _LEAST_OF_PAIR * sizes[-1]
-        and sizes[-2:].sum() >= _MOST_OF_ALL * sizes.sum()
-    )
+    """Return whether exactly two pieces of a mask are of similar size, as both lungs are.
+
+    A piece of less than half the largest one's size is nearer to nothing than to it.
+    """
+    sizes = np.bincount(ndimage.label(mask, _ANY_NEIGHBOUR)[0].ravel())[1:]
+    return np.count_nonzero(2 * sizes >= sizes.max(initial=0)) == 2

@@ -49,12 +49,7 @@ __all__ = ["Problem", "Reading", "check_cohort", "compared", "groom_cohort", "is
 
 _log = logging.getLogger(__name__)
 
-_MANY_PAIRS = 0.5
-"""Fraction of subjects with pairs; below it, pieces are noise rather than two organs under one label."""
-_FEWEST_ALIKE = 4
 _CLOSED = ("by winding number (for rims that are not flat)", "flat")
-_ALIKE = 0.75
-"""Fraction of subjects with the same number of handles above which another number gets a note."""
 _PAIR = (
     "has two separate pieces of similar size, such as both lungs under one label; only the larger one "
     "would be used. Give each piece its own label (in 3D Slicer: Islands), or join them"
@@ -179,7 +174,7 @@ def check_cohort(
     problems = [Problem(name, message) for name, message in wrong.items()]
     problems += _of_other_names({name: item.structure for name, item in contents.items() if item.structure})
     pairs = [name for name, item in contents.items() if item.is_pair]
-    if len(pairs) > 1 and len(pairs) >= _MANY_PAIRS * len(cohort.subjects):
+    if len(pairs) > 1 and 2 * len(pairs) > len(cohort.subjects):  # in fewer, pieces are noise
         problems += [Problem(name, f"{name}: {_PAIR}") for name in pairs]
     order = {item.name: index for index, item in enumerate(cohort.subjects)}
     return sorted(problems, key=lambda problem: order[problem.subject])
@@ -378,7 +373,6 @@ def compared(groomed: Sequence[GroomedSubject]) -> list[GroomedSubject]:
             f"its surface has {own or 'no'} handle{'' if own == 1 else 's'} (tunnels through it), those of "
             f"most subjects {usual or 'none'}; look at it, and correct its file if it is wrong"
         ),
-        _ALIKE,
     )
 
 
@@ -386,11 +380,10 @@ def _with_unusual(
     groomed: Sequence[GroomedSubject],
     kinds: Mapping[str, int],
     note: Callable[[int, int], str],
-    least: float = 0.5,
 ) -> list[GroomedSubject]:
-    """Return the subjects, with a note on each of another kind than most; `least` is the share of these."""
+    """Return the subjects, with a note on each of another kind than most."""
     usual, count = Counter(kinds.values()).most_common(1)[0] if kinds else (0, 0)
-    if count < least * len(kinds) or (least > 0.5 and len(kinds) < _FEWEST_ALIKE):
+    if 2 * count <= len(kinds):
         return list(groomed)
     return [
         item if (own := kinds.get(item.name, usual)) == usual else _with_note(item, note(own, usual))

@@ -11,7 +11,7 @@ from homolog.io.images import Segmentation
 __all__ = ["with_missing_slices"]
 
 _ALIKE = 0.5
-"""Least Dice overlap of two slices of one structure."""
+"""Least Dice overlap of two slices of one structure: nearer to equal than to apart."""
 _FEWEST = 4
 """Least number of labelled slices that show a regular distance."""
 _ORDINALS = {2: "second", 3: "third"}

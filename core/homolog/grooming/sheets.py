@@ -10,25 +10,23 @@ from homolog.errors import InputError
 from homolog.settings import GroomSettings, Openings, Pieces
 from homolog.surfaces.isosurface import vertex_count
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.rims import coinciding
+from homolog.surfaces.rims import SEAM, coinciding
 from homolog.surfaces.simplify import simplified
 from homolog.surfaces.solid import oriented, welded
 from homolog.surfaces.topology import face_components, mesh_fault, rim_numbers, rim_sides, unpinched
 
-__all__ = ["CRUMBS", "KEPT", "Sheet", "check_share", "chosen_faces", "sheet_of"]
+__all__ = ["CRUMBS", "KEPT", "Sheet", "check_share", "chosen_faces", "sheet_of", "width_of_hole"]
 
 CRUMBS = 0.05
 """Fraction of the area; smaller pieces are dropped untested if there is a sound larger one."""
-KEPT = 0.7
-"""Fraction of the area; if less is kept, the result is another structure."""
+KEPT = 2.0 / 3.0
+"""Fraction of the area; of two pieces of similar size (`is_pair`) the larger one has no more."""
 VERTICES_OF_HOLE = 12
 """Vertices of the groomed mesh that a filling may have for its opening to be a hole: a particle's share.
 
 A mesh shows as many particles as it has vertices over 12 (`correspondence.prepared_cohort`). No particle more
 is needed for a hole of that size, so that nobody can tell whether it is open.
 """
-_SEAM = 0.9
-"""Least share of a rim's sides that coincide with others, if it is a seam between unconnected faces."""
 _SOLID = 0.5
 """Largest area of all fillings, relative to the mesh, of a solid that was cut: half of a ball is one."""
 
@@ -90,7 +88,7 @@ def sheet_of(mesh: TriangleMesh, settings: GroomSettings) -> Sheet | None:
             raise InputError(f"the mesh can't stay open: it {fault or 'has no rim'}")
         return None
     numbers = rim_numbers(rim)
-    seams = np.bincount(numbers, coinciding(used.vertices, rim)) >= _SEAM * np.bincount(numbers)
+    seams = np.bincount(numbers, coinciding(used.vertices, rim)) >= SEAM * np.bincount(numbers)
     fillings = _filling_areas(used.vertices, rim, numbers)
     count = vertex_count(used.area, settings.mesh_edge)
     is_hole = fillings <= VERTICES_OF_HOLE * used.area / count
@@ -123,8 +121,13 @@ def sheet_of(mesh: TriangleMesh, settings: GroomSettings) -> Sheet | None:
     return Sheet(even, len(widths), dropped, holes, notes)
 
 
+def width_of_hole(area: float, edge: float | None) -> float:
+    """Return the width of a round opening that is a hole of a surface of some area [mm²] and edge [mm]."""
+    return 2.0 * float(np.sqrt(VERTICES_OF_HOLE * area / vertex_count(area, edge) / np.pi))
+
+
 def check_share(share: float, pieces: int) -> None:
-    """Refuse a mesh of which less than 70 % would be kept."""
+    """Refuse a mesh of which less than two thirds would be kept."""
     if share < KEPT:
         raise InputError(
             f"the mesh is in {pieces} separate pieces, and the largest has only {100.0 * share:.0f} % of the "

@@ -57,11 +57,11 @@ _MUCH_LOST = 0.75
 """Fraction of the voxels' volume; a field that encloses less is computed again on a finer grid."""
 _POINTER = b"version https://git-lfs"
 _SHORTEST, _LONGEST = 0.5, 3000.0
-"""Plausible lengths of a shape [mm]; a shape outside this range is probably in another unit."""
+"""Plausible lengths of a shape [mm]: more than a voxel of clinical CT, and less than a body."""
 _SHRUNK = 0.9
 """Fraction of the voxels' volume; a surface that encloses less gets a note."""
-_LEAST_HELD = 0.3
-"""Fraction of the voxels' volume; a field that encloses less is refused."""
+_LEAST_HELD = 0.5
+"""Fraction of the voxels' volume; a field that encloses less lost more than it shows, and is refused."""
 
 
 @dataclass(frozen=True, slots=True)

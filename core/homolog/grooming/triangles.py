@@ -8,7 +8,7 @@ from scipy import ndimage
 from homolog.arrays import BoolArray, FloatArray
 from homolog.errors import InputError
 from homolog.grooming.levels import Level, level_of_mesh, level_of_solid
-from homolog.grooming.sheets import CRUMBS, KEPT, check_share, chosen_faces
+from homolog.grooming.sheets import CRUMBS, KEPT, check_share, chosen_faces, width_of_hole
 from homolog.settings import GroomSettings, Openings, Pieces
 from homolog.surfaces.closest import distances_to
 from homolog.surfaces.mesh import TriangleMesh
@@ -18,14 +18,15 @@ from homolog.surfaces.topology import face_components, mesh_fault, rim_sides, wi
 __all__ = ["Triangles", "check_triangles", "level_of_triangles", "notes_on_groomed"]
 
 _THICK = 0.5
-"""Least thickness in nodes; a solid with less volume than half its surface times this encloses nothing."""
+"""Least thickness in nodes; a solid with less volume than half its surface times this encloses nothing.
+
+Of the grid's lines across a thinner wall, most pass it without a node inside.
+"""
 _THINNEST = 1e-6
-"""Fraction of the longest extent; points that span less are in one plane."""
+"""Fraction of the longest extent; points that span less are in one plane: texts have six digits."""
 _NEAR = 2  # nodes: distance at which a face is near a solid
 _PIECE = 1e-3
 """Fraction of the largest solid; a piece with fewer nodes is an artefact of the grid."""
-_END = 0.05
-"""Fraction of the diagonal; a wider opening is reported as an end that was cut off."""
 _CLOSING = 0.2
 """Fraction of the groomed surface; if a larger part closes openings, this is reported."""
 
@@ -99,8 +100,8 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
     Raises
     ------
     InputError
-        If the mesh encloses no volume, less than 70 % of the surface is kept, or all pieces are to be kept
-        but do not touch.
+        If the mesh encloses no volume, less than two thirds of the surface are kept, or all pieces are to be
+        kept but do not touch.
     """
     pieces = face_components(mesh.faces)
     largest = chosen_faces(mesh, pieces == 0)
@@ -140,12 +141,12 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
             "of its area encloses one volume; export the complete surface, closed or with small openings"
         )
     check_share(share, dropped + 1)
-    notes = _notes(solid, touching, dropped, share)
+    widest = width_of_hole(solid.mesh.area, settings.mesh_edge)
+    notes = _notes(solid, touching, dropped, share, widest)
     used = touching & solid.bounds
     own_area = float(area[used & ~solid.is_cap].sum())
     surface = chosen_faces(solid.mesh, used)
-    size = _END * float(np.linalg.norm(np.ptp(solid.mesh.vertices, axis=0)))
-    ends = int(np.count_nonzero(solid.rims > size)), int(np.count_nonzero(solid.openings > size))
+    ends = int(np.count_nonzero(solid.rims > widest)), int(np.count_nonzero(solid.openings > widest))
     filled = len(solid.rims)
     return Triangles(level, volume, dropped, filled, surface, own_area, solid.is_closed, ends, notes)
 
@@ -182,11 +183,10 @@ def notes_on_groomed(solid: Triangles, groomed: TriangleMesh) -> list[str]:
 _NO_VOLUME = "the mesh encloses no volume; export the complete surface, closed or with small openings"
 
 
-def _notes(solid: Solid, touching: BoolArray, dropped: int, share: float) -> tuple[str, ...]:
+def _notes(solid: Solid, touching: BoolArray, dropped: int, share: float, widest: float) -> tuple[str, ...]:
     walls = int(np.count_nonzero(touching & ~solid.bounds))
     pieces = int(face_components(solid.mesh.faces[touching]).max()) + 1
-    size = float(np.linalg.norm(np.ptp(solid.mesh.vertices, axis=0)))
-    ends = solid.rims[solid.rims > _END * size]
+    ends = solid.rims[solid.rims > widest]
     holes = len(solid.rims) - len(ends)
     widths = ", ".join(f"{end:.3g}" for end in ends[:4]) + (" …" if len(ends) > 4 else "")
     said = [

@@ -1,8 +1,8 @@
 """Surface meshes as files: VTP, VTU, VTK, PLY, STL, OBJ, OFF, glTF, 3MF, GIFTI and FreeSurfer's.
 
 Files are read without VTK, whose readers access invalid memory on damaged files, which ends the program: also
-that of a user's script, which has no process to read them in. trimesh (5.2) takes OFF and STL files that are
-cut short for whole, and fails on PLY files with textures.
+that of a user's script, which has no process to read them in. The modules of the formats say what
+speaks against trimesh.
 """
 
 import gzip

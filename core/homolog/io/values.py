@@ -36,12 +36,6 @@ _PASSED = 1 / 3
 Interpolated at a random place, a step by two labels passes the one between in half of all cases, longer steps
 in more. Real layers of one voxel are rare: 0.01 in maps of the brain, 0.2 in thick slices of hearts.
 """
-_FEW_VALUES = 50
-"""Numbers of values that a picture exceeds."""
-_MOST = 0.5
-"""Most neighbouring voxels above 0 are equal in a label map, which has regions, and differ in a picture."""
-_MOST_IN_ONE = 0.85
-"""Least share of the voxels in the largest piece if all labels are one structure."""
 _LOOKED_AT = 2_000_000
 _COUNTED = 2**22
 """Number of voxels counted at once."""
@@ -241,15 +235,15 @@ def _border(values: Array) -> Array:
 def labels_apart(values: Array) -> list[int]:
     """Return the labels of a map if they are separate structures, such as the bones of a hand; else none.
 
-    In this case the largest piece has less than 85 % of the voxels, and at least half of the labels are
-    mostly outside it.
+    In this case the other pieces together have at least half as many voxels as the largest one, and at least
+    half of the labels are mostly outside it.
     """
     pieces, count = ndimage.label(values > 0, np.ones((3, 3, 3)))
     if count < 2:
         return []
     sizes = np.bincount(pieces.ravel())
     largest = int(np.argmax(sizes[1:])) + 1
-    if sizes[largest] >= _MOST_IN_ONE * sizes[1:].sum():
+    if 3 * sizes[largest] > 2 * sizes[1:].sum():
         return []
     present, number = np.unique(values[pieces > 0], return_inverse=True)
     inside = np.bincount(number, weights=pieces[pieces > 0] == largest)
@@ -259,6 +253,8 @@ def labels_apart(values: Array) -> list[int]:
 
 def labels_seen(path: Path, values: Array) -> int:
     """Return the number of labels in a sample of a layer.
+
+    Most neighbouring voxels above 0 are equal in a label map, which has regions, and differ in a picture.
 
     Raises
     ------
@@ -271,7 +267,7 @@ def labels_seen(path: Path, values: Array) -> int:
             "map; segment the structure first, name a label, or declare it (values: distance)"
         )
     seen = np.unique(_sample(values))
-    if len(seen) > _FEW_VALUES and _differing(values) > _MOST:
+    if np.count_nonzero(seen) > 1 and 2.0 * _differing(values) > 1.0:
         raise InputError(
             f"{path}: has {len(seen)} different values, and most neighbours differ, so it is a picture or a "
             "map of probabilities rather than a label map; threshold it first, or name a label"

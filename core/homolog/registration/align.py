@@ -51,7 +51,8 @@ class FindCandidates(Protocol):
 
 
 NO_TURNS: Mapping[str, Turn] = {}
-_OTHER_UNIT = 100.0  # ratio of sizes
+_OTHER_UNIT = 100.0
+"""Ratio of sizes: midway between the tenfold that people may differ and the thousandfold of other units."""
 _MOST_COMPARED = 40
 """Largest number of shapes that show whether shapes are soft."""
 _SOFT = 0.5

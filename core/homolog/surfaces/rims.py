@@ -11,7 +11,7 @@ from scipy.spatial import Delaunay, KDTree, QhullError
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.surfaces.loops import loops
 
-__all__ = ["LOOSE", "Capped", "Finished", "capped", "capped_to_resolution", "coinciding", "sides_of"]
+__all__ = ["LOOSE", "SEAM", "Capped", "Finished", "capped", "capped_to_resolution", "coinciding", "sides_of"]
 
 _FLAT = 0.05
 """Largest distance of a flat rim from its plane, relative to its width, if that is more than a side of it.
@@ -24,8 +24,8 @@ _CRACK = 1e-4
 """Least area of an opening relative to the squared length of its rim; a smaller one is a crack."""
 _GAP = 1e-3
 """Largest distance of an open side from a coinciding one, relative to its length."""
-_SEAM = 0.9
-"""Least share of a rim's sides that coincide with those of another rim, if both are a seam."""
+SEAM = 0.9
+"""Least share of a rim's sides that coincide with others, if it is a seam between unconnected faces."""
 LOOSE = 0.1
 """Least share of open sides in a soup of loose faces."""
 _NEIGHBOURS = 12
@@ -298,7 +298,7 @@ def _widths(vertices: FloatArray, rims: Sequence[_Rim]) -> FloatArray:
         return np.empty(0)
     covered = coinciding(vertices, np.concatenate([rim.sides for rim in rims]))
     owners = np.repeat(np.arange(len(rims)), [len(rim.sides) for rim in rims])
-    is_seam = np.bincount(owners, covered) >= _SEAM * np.bincount(owners)
+    is_seam = np.bincount(owners, covered) >= SEAM * np.bincount(owners)
     return np.array([rim.width for rim in rims])[~is_seam]
 
 
