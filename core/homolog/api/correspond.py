@@ -344,7 +344,6 @@ def correspond(
         control.observer = lambda status: tick(status.fraction, status.message)
     control.enter(Phase.READING, "reading")
     readings: dict[str, dict[str, Reading]] = {name: {} for name in read}
-    keys: dict[str, dict[str, str]] = {name: {} for name in read}
     share = 1.0 / len(read)
     ticks = [part_of(control.tick, number * share, (number + 1) * share) for number in range(len(read))]
     with _executor(workers) as executor:
@@ -370,7 +369,6 @@ def correspond(
                 tick=tick,
                 sources=sources,
                 readings=readings[name],
-                keys=keys[name],
             )
             for tick, (name, (cohort, sources, groom)) in zip(ticks, read.items(), strict=True)
         }
@@ -388,10 +386,7 @@ def correspond(
         )
         outcome = run_optimization(inputs, control)
     control.finish(FinishReason.COMPLETED, "completed")
-    known = {
-        name: {key: value for key, value in keys[name].items() if key not in sources}
-        for name, (_, sources, _) in read.items()
-    }
+    known = {name: {subject: item.key for subject, item in own.items()} for name, own in readings.items()}
     return _correspondence(outcome, known)
 
 

@@ -253,7 +253,6 @@ def groom_cohort(
     left_out: list[Problem] | None = None,
     sources: Mapping[str, Source] = NO_SOURCES,
     readings: Mapping[str, Reading] = NOTHING_READ,
-    keys: dict[str, str] | None = None,
     reduced: Callable[[GroomedSubject], GroomedSubject] | None = None,
 ) -> list[GroomedSubject]:
     """Groom every subject.
@@ -278,8 +277,6 @@ def groom_cohort(
         Shapes in memory, by subject, in place of their files; they are not cached.
     readings : mapping of str to Reading, optional
         What `check_cohort` has read, by subject; other files are read by the workers.
-    keys : dict, optional
-        Receives the `content_key` of each groomed subject, for `save_groomed`.
     reduced : callable, optional
         Converts each groomed subject to a smaller one, which is returned, so that memory need not hold all.
 
@@ -326,8 +323,6 @@ def groom_cohort(
                     damaged[name] = (*jobs[name][:3], "")
                     continue
                 groomed[name] = taken(_noted(whole, jobs[name][3], key))
-                if keys is not None:
-                    keys[name] = key
                 if cache and done is not None:
                     save_groomed(cache, done, key)
             jobs = damaged

@@ -24,14 +24,16 @@ def hear(event, arguments):
         os.write(out, line)
 
 out = os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-sys.addaudithook(hear)  # in the workers as well, which import this file
-if __name__ == "__main__":
-    print(os.getpid())
-    cohort = read_cohort(folder / "scans")
+if __name__ != "__main__":  # in a worker, which imports this file
+    sys.addaudithook(hear)
+else:
+    cohort = read_cohort(folder / "scans")  # looks at the beginning of each file
+    sys.addaudithook(hear)
     if what == "check":
         check_cohort(cohort, settings.groom)
     else:
         Run(ProjectFolder(folder / "project"), cohort, settings).execute()
+    print(os.getpid())
 """
 
 
