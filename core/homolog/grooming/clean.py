@@ -148,4 +148,4 @@ def is_pair(mask: BoolArray) -> bool:
     A piece of less than half the largest one's size is nearer to nothing than to it.
     """
     sizes = np.bincount(ndimage.label(mask, _ANY_NEIGHBOUR)[0].ravel())[1:]
-    return np.count_nonzero(2 * sizes >= sizes.max(initial=0)) == 2
+    return int(np.count_nonzero(2 * sizes >= sizes.max(initial=0))) == 2
