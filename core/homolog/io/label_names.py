@@ -103,17 +103,8 @@ def _tokens(name: str) -> list[str]:
     return [_SYNONYMS.get(word, word) for word in tokens if word != "hemi"]  # of BIDS' hemi-L
 
 
-_SYNONYMS = {
-    "l": "left",
-    "lh": "left",
-    "lt": "left",
-    "r": "right",
-    "rh": "right",
-    "rt": "right",
-    "third": "3rd",
-    "fourth": "4th",
-    "fifth": "5th",
-}
+_SYNONYMS = {"l": "left", "lh": "left", "r": "right", "rh": "right"}
+"""Sides in names of BIDS and FreeSurfer."""
 
 
 def label_table(path: Path, values: Iterable[int], wanted: str | None = None) -> LabelTable | None:
