@@ -113,6 +113,7 @@ def prepared(source):
         if source.is_invented:
             where = Path(place) / source.folder
             invented_anatomies.make(source.folder, where, seed=0)
+            state_sides(where)
         cohort = read_cohort(where)
         annotated, alignments = align_cohort(cohort, groom_cohort(cohort, settings), settings)
         shapes = [
@@ -127,6 +128,14 @@ def prepared(source):
         files = [next(where.glob(f"{shape.name}.*")) for shape in shapes]
         meshes = [trimesh.load(file, process=False) for file in files]
     return shapes, (np.array([mesh.vertices for mesh in meshes], float), np.asarray(meshes[0].faces))
+
+
+def state_sides(folder):
+    """Write a table with the sides of subjects that are called *_L and *_R."""
+    files = sorted(folder.glob("*_[LR].*"))
+    if files:
+        lines = [f"{file.stem},{file.name},{file.stem[-1]}" for file in files]
+        (folder / "cohort.csv").write_text("\n".join(["name,path,side", *lines, ""]))
 
 
 def unpacked(source, place):

@@ -21,7 +21,7 @@ from homolog.arrays import FloatArray
 from homolog.geometry import fit_similarity, rotation_of, transform_points
 from homolog.progress import Tick, run_in_threads
 from homolog.registration.closest_points import Fit, OrientedPoints, SearchedPoints
-from homolog.registration.icp import ANOTHER, Bending
+from homolog.registration.icp import Bending
 from homolog.registration.typicality import angles_from, typical_rotation
 from homolog.surfaces.orientation import FILES_SPREAD, INDEPENDENT
 from homolog.threads import cores
@@ -30,12 +30,8 @@ __all__ = ["Choice", "choose"]
 
 _RARE = 0.01
 """Share of files that lie otherwise than the others."""
-_COST = float(
-    np.log((1.0 / _RARE - 1.0) * 8.0 * np.pi**2 / ((2.0 * np.pi) ** 1.5 * FILES_SPREAD**3))
-    / (0.5 * INDEPENDENT)
-)
-"""What speaks for the orientation that most files have, as a sum of two logarithms, of what is unexplained in
-positions and normals: the prior odds of that orientation, with the likelihood of independent deviations."""
+_MEDIAN_ANGLE = 1.538
+"""Median length of a vector of three standard normal numbers (chi distribution)."""
 _CLEAR = float(np.log(2.0))
 """Least difference of that sum to another orientation if shapes tell."""
 _COMPARED = 40
@@ -75,14 +71,9 @@ class _Candidates:
     fits: Sequence[Fit]
     rows: FloatArray
 
-    def chosen(self, unexplained: FloatArray, common: Rotation) -> int:
-        """Return the number of the best one; another than that of most files must be clearly better."""
-        return int(np.argmin(unexplained + _COST * self.away(common)))
-
-    def away(self, common: Rotation) -> FloatArray:
-        """Return 1 for orientations other than a common one, otherwise 0, (K,)."""
-        angles = angles_from(np.array([fit.pose for fit in self.fits]), common)
-        return np.where(angles > ANOTHER, 1.0, 0.0)
+    def chosen(self, unexplained: FloatArray, files: "_Files") -> int:
+        """Return the number of the best one, judged by the shape and by how the other files lie."""
+        return int(np.argmin(unexplained + files.costs(self.fits)))
 
     def choice(self, number: int, unexplained: FloatArray) -> Choice:
         """Return the orientation of a number; see `Choice`."""
@@ -92,6 +83,35 @@ class _Candidates:
         apart = rotation_of(self.fits[nearest].pose) @ rotation_of(self.fits[number].pose).T
         angle = float(np.degrees(Rotation.from_matrix(apart).magnitude()))
         return Choice(self.fits[number], bool(others[nearest] >= _CLEAR), angle)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Files:
+    """How the files lie against each other: a common rotation, and their spread about each axis [rad]."""
+
+    common: Rotation
+    spread: float
+
+    @classmethod
+    def of(cls, among: Sequence[_Candidates], numbers: Sequence[int]) -> "_Files":
+        """Return what the chosen orientations show."""
+        poses = np.array([item.fits[number].pose for item, number in zip(among, numbers, strict=True)])
+        common = typical_rotation(poses)
+        median = float(np.median(np.radians(angles_from(poses, common))))
+        return cls(common, max(median / _MEDIAN_ANGLE, FILES_SPREAD))
+
+    def costs(self, fits: Sequence[Fit]) -> FloatArray:
+        """Return what speaks against orientations of a file, (K,).
+
+        It is a sum of two logarithms, of what is unexplained in positions and normals: minus the logarithm of
+        the prior density of the rotation, with the likelihood of independent deviations. Most files are
+        distributed normally about the common rotation, some lie in any way.
+        """
+        angles = np.radians(angles_from(np.array([fit.pose for fit in fits]), self.common))
+        near = np.exp(-0.5 * np.square(angles / self.spread)) / ((2.0 * np.pi) ** 1.5 * self.spread**3)
+        density = (1.0 - _RARE) * near + _RARE / (8.0 * np.pi**2)
+        costs: FloatArray = -np.log(density) / (0.5 * INDEPENDENT)
+        return costs
 
 
 def choose(
@@ -126,13 +146,13 @@ def choose(
     closest = tuple(int(np.argmin([fit.distance for fit in item.fits])) for item in among)
     ends = [_descended(among, start) for start in sorted({closest, (0,) * len(among)})]
     numbers = min(ends, key=lambda end: _total(among, end))
-    common = _common(among, numbers)
+    files = _Files.of(among, numbers)
     everyone = _Others.of(among, numbers)
 
     def judged(index: int, inner: Tick) -> Choice:
         own = made(index, inner)
         unexplained = everyone.unexplained(own.rows)
-        return own.choice(own.chosen(unexplained, common), unexplained)
+        return own.choice(own.chosen(unexplained, files), unexplained)
 
     result = {
         k: item.choice(number, _Others.of(among, numbers, without=place).unexplained(item.rows))
@@ -162,31 +182,24 @@ def _descended(among: Sequence[_Candidates], start: Sequence[int]) -> list[int]:
     """Return the numbers of orientations that can't be improved by changing that of one shape."""
     numbers = list(start)
     for _ in range(_SWEEPS):
-        before, common = list(numbers), _common(among, numbers)
+        before, files = list(numbers), _Files.of(among, numbers)
         for place, item in enumerate(among):
             others = _Others.of(among, numbers, without=place)
-            numbers[place] = item.chosen(others.unexplained(item.rows), common)
+            numbers[place] = item.chosen(others.unexplained(item.rows), files)
         if numbers == before:
             break
     return numbers
 
 
 def _total(among: Sequence[_Candidates], numbers: Sequence[int]) -> float:
-    """Return what is unexplained in all shapes, with the cost of orientations that files do not have."""
-    common = _common(among, numbers)
+    """Return what is unexplained in all shapes, with what speaks against the orientations of their files."""
+    files = _Files.of(among, numbers)
     return float(
         sum(
             _Others.of(among, numbers, without=place).unexplained(item.rows[[number]])[0]
-            + _COST * item.away(common)[number]
+            + files.costs(item.fits)[number]
             for place, (item, number) in enumerate(zip(among, numbers, strict=True))
         )
-    )
-
-
-def _common(among: Sequence[_Candidates], numbers: Sequence[int]) -> Rotation:
-    """Return the rotation that most files have, relative to the chosen orientations."""
-    return typical_rotation(
-        np.array([item.fits[number].pose for item, number in zip(among, numbers, strict=True)])
     )
 
 
