@@ -26,7 +26,7 @@ from homolog.registration.typicality import angles_from, typical_rotation
 from homolog.surfaces.orientation import FILES_SPREAD, INDEPENDENT
 from homolog.threads import cores
 
-__all__ = ["Choice", "choose"]
+__all__ = ["Choice", "Files", "choose"]
 
 _RARE = 0.01
 """Share of files that lie otherwise than the others."""
@@ -71,7 +71,7 @@ class _Candidates:
     fits: Sequence[Fit]
     rows: FloatArray
 
-    def chosen(self, unexplained: FloatArray, files: "_Files") -> int:
+    def chosen(self, unexplained: FloatArray, files: "Files") -> int:
         """Return the number of the best one, judged by the shape and by how the other files lie."""
         return int(np.argmin(unexplained + files.costs(self.fits)))
 
@@ -86,16 +86,16 @@ class _Candidates:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Files:
+class Files:
     """How the files lie against each other: a common rotation, and their spread about each axis [rad]."""
 
     common: Rotation
     spread: float
 
     @classmethod
-    def of(cls, among: Sequence[_Candidates], numbers: Sequence[int]) -> "_Files":
-        """Return what the chosen orientations show."""
-        poses = np.array([item.fits[number].pose for item, number in zip(among, numbers, strict=True)])
+    def of(cls, fits: Sequence[Fit]) -> "Files":
+        """Return what the chosen registrations show, one of each shape."""
+        poses = np.array([fit.pose for fit in fits])
         common = typical_rotation(poses)
         median = float(np.median(np.radians(angles_from(poses, common))))
         return cls(common, max(median / _MEDIAN_ANGLE, FILES_SPREAD))
@@ -108,7 +108,9 @@ class _Files:
         distributed normally about the common rotation, some lie in any way.
         """
         angles = np.radians(angles_from(np.array([fit.pose for fit in fits]), self.common))
+        volumes = np.square(np.sinc(0.5 * angles / np.pi))  # of rotations, by that of rotation vectors
         near = np.exp(-0.5 * np.square(angles / self.spread)) / ((2.0 * np.pi) ** 1.5 * self.spread**3)
+        near /= volumes
         density = (1.0 - _RARE) * near + _RARE / (8.0 * np.pi**2)
         costs: FloatArray = -np.log(density) / (0.5 * INDEPENDENT)
         return costs
@@ -146,7 +148,7 @@ def choose(
     closest = tuple(int(np.argmin([fit.distance for fit in item.fits])) for item in among)
     ends = [_descended(among, start) for start in sorted({closest, (0,) * len(among)})]
     numbers = min(ends, key=lambda end: _total(among, end))
-    files = _Files.of(among, numbers)
+    files = Files.of(_chosen(among, numbers))
     everyone = _Others.of(among, numbers)
 
     def judged(index: int, inner: Tick) -> Choice:
@@ -182,7 +184,7 @@ def _descended(among: Sequence[_Candidates], start: Sequence[int]) -> list[int]:
     """Return the numbers of orientations that can't be improved by changing that of one shape."""
     numbers = list(start)
     for _ in range(_SWEEPS):
-        before, files = list(numbers), _Files.of(among, numbers)
+        before, files = list(numbers), Files.of(_chosen(among, numbers))
         for place, item in enumerate(among):
             others = _Others.of(among, numbers, without=place)
             numbers[place] = item.chosen(others.unexplained(item.rows), files)
@@ -193,7 +195,7 @@ def _descended(among: Sequence[_Candidates], start: Sequence[int]) -> list[int]:
 
 def _total(among: Sequence[_Candidates], numbers: Sequence[int]) -> float:
     """Return what is unexplained in all shapes, with what speaks against the orientations of their files."""
-    files = _Files.of(among, numbers)
+    files = Files.of(_chosen(among, numbers))
     return float(
         sum(
             _Others.of(among, numbers, without=place).unexplained(item.rows[[number]])[0]
@@ -201,6 +203,10 @@ def _total(among: Sequence[_Candidates], numbers: Sequence[int]) -> float:
             for place, (item, number) in enumerate(zip(among, numbers, strict=True))
         )
     )
+
+
+def _chosen(among: Sequence[_Candidates], numbers: Sequence[int]) -> list[Fit]:
+    return [item.fits[number] for item, number in zip(among, numbers, strict=True)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
