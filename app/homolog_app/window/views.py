@@ -135,8 +135,7 @@ class Views(QObject):
 
     def _turn_colours(self) -> None:
         """Count displacements as positive away from the centre of the shape, or out of the tissue."""
-        for page in self._explore.pages:
-            page.from_middle = self._commands["view.from_middle"].isChecked()
+        self._explore.fitted.from_middle = self._commands["view.from_middle"].isChecked()
         self._display()
 
     def choose_range(self) -> None:

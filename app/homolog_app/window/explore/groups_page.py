@@ -235,7 +235,7 @@ class GroupsPage(ExplorePage):
             only_significant=self.significant.isChecked(),
             arrows=self.arrows.isChecked(),
             colour_range=self.colour_range,
-            from_middle=self.from_middle,
+            from_middle=self.fitted.from_middle,
         )
 
     @property

@@ -262,7 +262,7 @@ class ModesPage(ExplorePage):
             colours=self.colours.isChecked(),
             arrows=self.arrows.isChecked(),
             colour_range=self.colour_range,
-            from_middle=self.from_middle,
+            from_middle=self.fitted.from_middle,
         )
 
     @property

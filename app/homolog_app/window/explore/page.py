@@ -66,6 +66,8 @@ class ModelCache(QObject):
         self._early_of: tuple[int, LoadedResult | None] = (0, None)
         self.draw_ms = 0.0
         """Drawing time of the views [ms], which limits the speed of playback."""
+        self.from_middle = False
+        """Whether colours show displacements as positive away from the centre of the shape."""
         session = workspace.session
         link(self._look, session.result_changed, session.job_changed, session.page_changed)
 
@@ -216,8 +218,6 @@ class ExplorePage(Panel):
         Choice of contents, each with its number of views; None if the page shows subjects.
     colour_range : tuple of 2 float or None
         Ends of the colour scale, if set by hand.
-    from_middle : bool
-        Whether colours show displacements as positive away from the centre of the shape.
     """
 
     title = ""
@@ -234,7 +234,6 @@ class ExplorePage(Panel):
         self.plots: QWidget | None = None
         self.views: QComboBox | None = None
         self.colour_range: tuple[float, float] | None = None
-        self.from_middle = False
         workspace.session.job_changed.connect(self.show_state)
         workspace.session.job_progressed.connect(self._follow_progress)
 
