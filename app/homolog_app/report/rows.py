@@ -17,7 +17,8 @@ from homolog.comparison.findings import (
 )
 from homolog.comparison.formula import FormulaAnswer, difference_rows
 from homolog.comparison.places import SurfaceCarrier, significant_regions
-from homolog.comparison.sample import SHAPE_SIZE, SampleRow, sample_rows
+from homolog.comparison.sample import SHAPE_SIZE
+from homolog.comparison.sample_rows import SampleRow, sample_rows
 from homolog.io.results import Result
 from homolog.statistics.cautions import p_number, p_text
 from homolog.statistics.comparison import Comparison

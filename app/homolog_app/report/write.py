@@ -12,7 +12,8 @@ from homolog.comparison.ask import ask
 from homolog.comparison.findings import CONTROLS, Finding, cautions, findings
 from homolog.comparison.places import SurfaceCarrier, directions_of
 from homolog.comparison.pose import PoseSample
-from homolog.comparison.sample import Sample, voxel_text
+from homolog.comparison.sample import Sample
+from homolog.comparison.sample_rows import voxel_text
 from homolog.comparison.seeds import read_spread, spread_text
 from homolog.comparison.stored import folder_of, stored_answers, stored_poses
 from homolog.comparison.tables import store

@@ -196,14 +196,6 @@ class SurfaceCarrier:
         outward: FloatArray = (displacement * self.normals_at_particles(comparison)).sum(axis=-1)
         return outward
 
-    def ways_at_particles(self, comparison: Comparison) -> IntArray:
-        """Return for each particle (N,) whether it moves outward (1), inward (-1), or neither clearly (0).
-
-        The direction is clear if the interval of the outward component excludes zero.
-        """
-        low, high = comparison.pointwise.bounds(self.normals_at_particles(comparison))
-        return np.where(low > 0.0, 1, 0) - np.where(high < 0.0, 1, 0)
-
     def normals_at_particles(self, comparison: Comparison) -> FloatArray:
         """Return the outward unit normals of the comparison's mean surface at the particles, (N, 3)."""
         mesh = self.mean_of(comparison)

@@ -14,7 +14,8 @@ from homolog.comparison.answer import Answer
 from homolog.comparison.findings import Seen, step_of
 from homolog.comparison.places import Directions, SurfaceCarrier, directions_of, significant_regions
 from homolog.comparison.question import Question
-from homolog.comparison.sample import SHAPE_SIZE, Sample, sample_rows
+from homolog.comparison.sample import SHAPE_SIZE, Sample
+from homolog.comparison.sample_rows import sample_rows
 from homolog.comparison.seeds import COLUMNS, FILE, level_of, read_spread
 from homolog.comparison.stored import PRIMARY, Provenance, folder_of, is_primary, write_question
 from homolog.io.names import file_stems

@@ -252,11 +252,6 @@ class Engine:
         result: FloatArray = self.means.numpy().astype(np.float64)
         return result
 
-    def host_openings(self) -> FloatArray:
-        """Return the weighted opening angles, shape (M, n)."""
-        result: FloatArray = self.openings.numpy()[:, 3].astype(np.float64).reshape(self.shapes, self.count)
-        return result
-
     def aligned_positions(self) -> FloatArray:
         """Return the aligned particles, shape (M, n, 3)."""
         rotated = np.einsum("mij,mnj->mni", self.poses[:, :3, :3], self.host_positions().astype(np.float64))

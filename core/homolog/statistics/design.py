@@ -255,11 +255,6 @@ class Hypothesis:
         return int(self.units.max()) + 1
 
     @property
-    def least_p(self) -> float:
-        """Smallest possible p of a randomization test, 2 / 2 ** K."""
-        return 2.0 ** (1 - self.n_units)
-
-    @property
     def covariates(self) -> FloatArray:
         """The nuisance basis without its intercept, shape (M, q - 1) or (M, 0)."""
         return self.nuisance[:, 1:]

@@ -11,7 +11,8 @@ from homolog.comparison.ask import ask
 from homolog.comparison.findings import Seen, decimals, findings
 from homolog.comparison.places import EDGE, INNER, OUTER, Region, SurfaceCarrier, directions_of
 from homolog.comparison.question import Question
-from homolog.comparison.sample import Sample, column_of, sample_rows
+from homolog.comparison.sample import Sample, column_of
+from homolog.comparison.sample_rows import sample_rows
 from homolog.errors import InputError
 from homolog.io.particles import read_particles, write_particles
 from homolog.io.records import ProjectRecord

@@ -84,7 +84,7 @@ class GroupsPage(ExplorePage):
     answered = Signal()
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
-        super().__init__(workspace, actions, fitted)
+        super().__init__(workspace, fitted)
         self.answers: list[GroupAnswer] = []
         self.all: Answers | None = None
         self._mapped = (0, 0)
