@@ -11,11 +11,11 @@ from homolog.surfaces.topology import without_cavities
 
 __all__ = ["Stack", "interpolated"]
 
-_CLOSES_BELOW = 0.5  # fraction of a hole's largest area: a narrower end is closed
+_CLOSES_BELOW = 0.5  # fraction of a hole's largest area: a narrower end is nearer to closed than to open
 _BOTTOM = 0.1  # slices: distance that a closing hole continues beyond the last slice
 _ALONG = 0.6  # slices: standard deviation of the smoothing from slice to slice
-_FLAT = 0.5  # slices: distance of the cut of an open end beyond the last slice
-_DOME = 0.75  # slices: height of an ellipsoidal cap with the volume of half a slice
+_FLAT = 0.5  # slices: distance of the cut of an open end beyond the last slice's middle, where it ends
+_DOME = 0.75  # slices: height h of an ellipsoidal cap with the volume of half a slice, 2 h / 3 = 1 / 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,7 +16,7 @@ __all__ = ["read_3mf", "read_gltf"]
 
 _METRE = 1000.0
 _LONGEST = 3.0
-"""Length [m] above which units are assumed to be millimetres."""
+"""Length [m] above which units are assumed to be millimetres: nothing in a body is longer."""
 _UNITS = {"micron": 1e-3, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8, "meter": _METRE}
 _MOST_BYTES = 100 * MOST
 _DEEPEST = 20

@@ -13,6 +13,7 @@ from homolog.progress import Tick, part_of, run_in_threads
 from homolog.registration.align import FindCandidates, Registrable
 from homolog.registration.closest_points import SearchedPoints
 from homolog.registration.icp import OrientedPoints, oriented_points, refined_each, sought
+from homolog.registration.orientations import RARE
 from homolog.registration.typicality import by_typicality
 from homolog.surfaces.mirroring import MIRROR
 from homolog.surfaces.nearest import NearestPoints
@@ -31,8 +32,8 @@ _CLEAR = 2.0
 _LEAST_SPREAD = 0.05
 _CERTAIN = 1.5
 """Largest magnitude of a preference that counts: beyond it, differences say nothing more about sides."""
-_LIKELY = np.log(100.0)
-"""Least log-likelihood ratio of a preference: mirror image versus usual subject."""
+_LIKELY = float(np.log(1.0 / RARE - 1.0))
+"""Least log-likelihood ratio of a preference, mirror image versus usual subject: prior odds against it."""
 _LEAST, _NOTABLE = 0.5, 0.5
 """Fractions of the median preference: least magnitude of a mirror image's, and of one that shows a side."""
 _FEWEST = 3
@@ -240,7 +241,7 @@ def reversed_ones(preferences: FloatArray, *, majority: bool = True) -> list[boo
 
     The usual subjects have positive preferences. Shapes show sides if the median is at least twice the spread
     (standard deviation) and most preferences exceed half the median; otherwise they are too symmetric or too
-    variable. A subject with a negative preference is a mirror image if the preference is a hundred times
+    variable. A subject with a negative preference is a mirror image if the preference is 99 times
     likelier in a distribution about minus the median than in one about the median, and farther than five
     spreads from the median. If more than a few preferences are ambiguous, or many subjects seem to be mirror
     images with small preferences, the asymmetries are random, and no subject is a mirror image.

@@ -18,7 +18,9 @@ __all__ = ["Sizes", "curvature_sizes", "remeshed"]
 Sizes = Callable[[FloatArray], FloatArray]
 """Target edge length [mm] at points (N, 3), shape (N,)."""
 
-_LONG, _SHORT = 4.0 / 3.0, 3.0 / 4.0  # relative to the target edge length
+_LONG, _SHORT = 4.0 / 3.0, 3.0 / 4.0
+"""Relative to the target edge length: a longer edge is nearer to it once halved (Botsch and Kobbelt 2004),
+a shorter one is the inverse."""
 _SWEEPS = 5
 _SPLITS, _COLLAPSES, _FLIPS = 20, 8, 3  # largest number of rounds per sweep
 _FEW = 0.003  # fraction of the vertices; a round that would change fewer is omitted
