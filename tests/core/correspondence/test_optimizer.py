@@ -9,7 +9,7 @@ from homolog.correspondence import Reason, Shape, optimize
 from homolog.correspondence.initialization.splitting import split
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.recorder import RunRecorder
-from homolog.correspondence.schedule import TimeShares, particle_counts, plan_stages
+from homolog.correspondence.schedule import TimeShares, joint_counts, particle_counts, plan_stages
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.geodesics import solve_tables
 from homolog.settings import Method, OptimizeSettings, Procrustes
@@ -179,6 +179,14 @@ def test_any_number_of_particles_can_be_asked_for(particles, ellipsoid_shapes):
 def test_counts_halve_down_to_what_registration_places():
     assert particle_counts(1000) == [250, 500, 1000]
     assert particle_counts(40) == [40]
+
+
+def test_structures_begin_with_their_shares_of_the_first_particles_and_end_together():
+    none = [None] * 6
+    assert joint_counts([256, 256], none[:2]) == [[128, 256], [128, 256]]
+    assert joint_counts([300, 24], none[:2]) == [[150, 300], [24, 24]]
+    assert joint_counts([512] * 6, none) == [[64, 128, 256, 512]] * 6
+    assert joint_counts([512, 256], [256, 256]) == [[256, 512], [256, 256]]
 
 
 def test_a_split_moves_parent_and_child_apart_the_same_way_on_every_shape():
