@@ -4,6 +4,7 @@ import re
 from functools import cache
 from importlib.resources import files
 
+from PySide6.QtCore import QPoint
 from PySide6.QtWidgets import QAbstractButton, QComboBox, QLabel, QTabBar, QWidget
 
 __all__ = ["explanation", "sentences", "text_of"]
@@ -32,19 +33,21 @@ def explanation(text: str) -> str:
     """Return a line for each of the first terms of the glossary in a text; empty if there are none."""
     places: dict[str, tuple[int, str]] = {}
     for term, meaning in sentences().items():
-        place = re.search(rf"\b{re.escape(term)}(?:s|es)?\b", text, re.IGNORECASE)
+        plain = 0 if len(term) == 1 else re.IGNORECASE
+        place = re.search(rf"(?<![\w-]){re.escape(term)}(?:s|es)?\b", text, plain)
         if place is not None:
             places[meaning] = min(places.get(meaning, (len(text), "")), (place.start(), term))
     first = sorted((*place, meaning) for meaning, place in places.items())[:_MOST]
-    return "\n".join(f"{term[:1].upper()}{term[1:]}: {meaning}." for _, term, meaning in first)
+    heads = (term if len(term) == 1 else f"{term[:1].upper()}{term[1:]}" for _, term, _ in first)
+    return "\n".join(f"{head}: {meaning}." for head, (*_, meaning) in zip(heads, first, strict=True))
 
 
-def text_of(widget: QWidget | None) -> str:
-    """Return what a label, button or box says."""
+def text_of(widget: QWidget | None, at: QPoint) -> str:
+    """Return what a label, button, box or tab says at a place of the screen."""
     if isinstance(widget, QComboBox):
         return widget.currentText()
     if isinstance(widget, QLabel | QAbstractButton):
         return widget.text().replace("&", "")
     if isinstance(widget, QTabBar):
-        return widget.tabText(widget.currentIndex())
+        return widget.tabText(widget.tabAt(widget.mapFromGlobal(at)))
     return ""

@@ -10,6 +10,7 @@ from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QHelpEvent, 
 from PySide6.QtOpenGLWidgets import QOpenGLWidget
 from PySide6.QtWidgets import (
     QAbstractButton,
+    QComboBox,
     QDockWidget,
     QFrame,
     QMainWindow,
@@ -24,6 +25,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_panel import CohortPanel
 from homolog_app.window.commands import WindowState, obstacles
 from homolog_app.window.dialogs import LogPane
+from homolog_app.window.drops import Drops
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.page import OverviewPage
 from homolog_app.window.explore.panel import PAGE_COMMANDS, ExploreController, ExplorePanel
@@ -47,7 +49,7 @@ if TYPE_CHECKING:
 __all__ = ["Docks", "Inspector", "MainWindow"]
 
 _INSPECTOR, _FLATTEST, _LOW = 452, 192, 900  # pixels
-_INSPECTOR_SHARE = 0.3  # largest initial width: with plots folded the shapes have half of 1280 x 800 pixels
+_INSPECTOR_SHARE = 0.29  # of the width: with plots folded the shapes have half of 1280 x 800 pixels
 _WIDTH_SHARE, _HEIGHT_SHARE, _WIDEST = 0.25, 0.22, 540
 """Smallest fractions of a large window for inspector and plots; largest minimum width of the inspector."""
 _SIZE, _FRAME = QSize(1440, 900), QSize(8, 40)  # initial size, and size of the system's frame [pixels]
@@ -129,8 +131,8 @@ class Docks(QObject):
                 self._plots.addWidget(page.plots)
         window.tabifyDockWidget(self._curves_dock, self._plots_dock)
         window.tabifyDockWidget(self._curves_dock, self._log_dock)
-        width = min(scaled(_INSPECTOR), round(_INSPECTOR_SHARE * window.width()))
-        window.resizeDocks([self._inspector_dock], [width], Qt.Orientation.Horizontal)
+        self._given = 0
+        self._widen(window.width())
         self._log_dock.visibilityChanged.connect(lambda shown: commands["view.log"].setChecked(shown))
         workspace.session.result_changed.connect(self._show_result)
 
@@ -170,6 +172,9 @@ class Docks(QObject):
     def follow_size(self, size: QSize) -> None:
         """Resize inspector and plots with a large window, and give the space back when it shrinks."""
         across, up = Qt.Orientation.Horizontal, Qt.Orientation.Vertical
+        inspector = self._inspector_dock
+        if self._given and (inspector.isHidden() or inspector.width() == self._given):
+            self._widen(size.width())  # unless a person has chosen another width
         width = min(max(least_inspector(), round(_WIDTH_SHARE * size.width())), scaled(_WIDEST))
         height = max(_FLATTEST, round(_HEIGHT_SHARE * size.height()))
         for dock, orientation, least in (
@@ -178,6 +183,16 @@ class Docks(QObject):
             (self._curves_dock, up, height),
         ):
             self._sizes.set_least(dock, orientation, least)
+
+    def keep_sizes(self) -> None:
+        """Keep the inspector's width when the window is resized."""
+        self._given = 0
+
+    def _widen(self, window: int) -> None:
+        """Give the inspector its share of a window's width [pixels]."""
+        share = min(scaled(_INSPECTOR), round(_INSPECTOR_SHARE * window))
+        self._given = max(least_inspector(), share)
+        self._window.resizeDocks([self._inspector_dock], [self._given], Qt.Orientation.Horizontal)
 
     def _show_result(self) -> None:
         result = self._workspace.session.result
@@ -222,6 +237,7 @@ class MainWindow(QMainWindow):
         self.docks = Docks(self, workspace, self.commands, self.rail, self.inspector)
         self.status = StatusBar(self.statusBar(), workspace.session, self.commands)
         self.projects = ProjectController(self, workspace, self.commands, self.start_page, explore)
+        self.drops = Drops(self, workspace, self.projects, explore)
         self.exporting = ExportController(self, workspace, explore)
         self.help = HelpController(self, workspace, self.commands)
         self.tour = Tour(workspace, self.commands, self.projects, explore.page_of(GroupsPage))
@@ -247,7 +263,7 @@ class MainWindow(QMainWindow):
         views.layout_changed.connect(self.refresh)
         views.slices_wanted.connect(self.exporting.save_slices)
         views.picture_wanted.connect(self.exporting.open_screenshot)
-        views.scans.subject_offered.connect(self.projects.open_paths)
+        self.drops.scans = views.scans
         self._middle.addWidget(stage)
         stage.place_card(self.tour.card)
         self._first_gl.deleteLater()
@@ -345,24 +361,23 @@ class MainWindow(QMainWindow):
             busy = "Something is being computed; wait for it or cancel it, then drop this again"
             session.noticed.emit(busy if paths else "Drop files or folders of this machine")
             return
-        if session.step == "explore" and self.exploring.drop_files(paths):
-            return
-        if self.views is None or not self.views.scans.offer(paths, event.position().toPoint()):
-            self.projects.open_paths(paths)
+        self.drops.take(paths, event.position().toPoint())
 
     def event(self, event: QEvent) -> bool:
         """Explain technical words of a text under the pointer that has no help of its own."""
         if isinstance(event, QHelpEvent) and event.type() == QEvent.Type.ToolTip:
-            text = explanation(text_of(self.childAt(event.pos())))
+            text = explanation(text_of(self.childAt(event.pos()), event.globalPos()))
             QToolTip.showText(event.globalPos(), text, self) if text else QToolTip.hideText()
             return True
         return super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Let Enter press the button that has the focus, as the space bar does."""
-        focus = self.focusWidget()
-        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and isinstance(focus, QAbstractButton):
+        """Let Enter press the button or open the box that has the focus, as the space bar does."""
+        focus, is_enter = self.focusWidget(), event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter)
+        if is_enter and isinstance(focus, QAbstractButton):
             focus.click()
+        elif is_enter and isinstance(focus, QComboBox) and not focus.isEditable():
+            focus.showPopup()
         else:
             super().keyPressEvent(event)
 
@@ -384,6 +399,7 @@ class MainWindow(QMainWindow):
             geometry, state = known
             self.restoreGeometry(geometry)
             self.restoreState(state)
+            self.docks.keep_sizes()
 
     def _lay_out(self) -> None:
         self._middle = QStackedWidget()

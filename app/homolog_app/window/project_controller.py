@@ -150,7 +150,13 @@ class ProjectController(Controller):
         session = self._workspace.session
         study = session.study.adding(added.subjects)
         if session.is_open:
+            new = [member.name for member in study.members[len(session.study.members) :]]
+            if not new:
+                session.noticed.emit("Already in the cohort; nothing was added")
+                return
             session.edit("Add subjects", study)
+            session.show_step("cohort")
+            session.select(new)
         else:
             session.open(study, None)  # opening is not an edit: it can't be undone
         if added.notes:
@@ -383,10 +389,15 @@ class ProjectController(Controller):
     def _import_model(self) -> None:
         files = self._workspace.files
         path = files.file(self._window, "Import model (choose any particle file of a folder)", _MODELS)
-        if not path or not self.may_leave():
+        if path:
+            self.import_from(path)
+
+    def import_from(self, path: Path) -> None:
+        """Ask for the project's folder, and import a model, or that of the folder of a particle file."""
+        if not self.may_leave():
             return
         source = path.parent if path.suffix.lower() in PARTICLE_SUFFIXES else path
-        folder = files.new(self._window, "Save project as (creates a folder)", source.stem)
+        folder = self._workspace.files.new(self._window, "Save project as (creates a folder)", source.stem)
         if folder:
             self.import_model(source, folder)
 

@@ -37,7 +37,7 @@ __all__ = ["STEPS", "DockSizes", "Rail", "StatusBar", "Step", "least_inspector",
 _log = logging.getLogger(__name__)
 
 STEPS = ("cohort", "groom", "correspond", "explore")
-_WIDTH, _HEIGHT = 96, 104
+_WIDTH, _HEIGHT = 88, 104
 
 
 @dataclass(frozen=True, slots=True)

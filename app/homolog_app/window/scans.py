@@ -1,13 +1,14 @@
 """Slices in place of the views or next to them: their subject and scan."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QPoint, Qt, Signal
+from PySide6.QtCore import QPoint
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QMenu, QWidget
+from PySide6.QtWidgets import QWidget
 
 from homolog.arrays import FloatArray
 from homolog.cohort import IMAGE_SUFFIXES, dicom_files, suffix_of
@@ -41,9 +42,7 @@ def sliced_subject(session: Session, name: str) -> SliceScene:
 
 
 class ScanController(Controller):
-    """Assigns scans to subjects and to the patient; `subject_offered` passes on an image as a new subject."""
-
-    subject_offered = Signal(object)
+    """Assigns scans to subjects and to the patient."""
 
     def __init__(
         self,
@@ -79,32 +78,11 @@ class ScanController(Controller):
         }
         session.edit("Set scan", session.study.with_members(members))
 
-    def offer(self, paths: Sequence[Path], at: QPoint) -> bool:
-        """Ask whether an image dropped on a subject (row, view or slices) is its scan or another subject.
-
-        Parameters
-        ----------
-        paths : sequence of Path
-            The dropped files.
-        at : QPoint
-            Position in the window.
-
-        Returns
-        -------
-        bool
-            Whether the question was asked; False unless a single image was dropped on a subject.
-        """
-        name = self._subject_at(at)
-        is_image = len(paths) == 1 and (suffix_of(paths[0]) in IMAGE_SUFFIXES or _is_series(paths[0]))
-        if not name or not is_image:
-            return False
-        (path,) = paths
-        menu = QMenu(self._window)
-        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        menu.addAction(f"Scan of {name.replace('&', '&&')}", lambda: self._give_and_show(name, path))
-        menu.addAction("Another subject", lambda: self.subject_offered.emit([path]))
-        menu.popup(self._window.mapToGlobal(at))
-        return True
+    def meanings(self, path: Path, at: QPoint) -> dict[str, Callable[[], object]]:
+        """Return that an image dropped on a subject (row, view or slices) can be its scan."""
+        name = self.subject_at(at)
+        is_image = suffix_of(path) in IMAGE_SUFFIXES or (path.is_dir() and bool(dicom_files(path)))
+        return {f"Scan of {name}": partial(self._give_and_show, name, path)} if name and is_image else {}
 
     @reported
     def _give_and_show(self, name: str, path: Path) -> None:
@@ -131,7 +109,7 @@ class ScanController(Controller):
         local = transform_points(inverse_matrices(shown.alignment), np.asarray(place)[None])[0]
         self._slices.go_to(name, local)
 
-    def _subject_at(self, at: QPoint) -> str:
+    def subject_at(self, at: QPoint) -> str:
         """Return the subject at a position of the window; empty if there is none."""
         slices = self._slices
         if slices.isVisible() and slices.rect().contains(slices.mapFrom(self._window, at)):
@@ -141,7 +119,3 @@ class ScanController(Controller):
         plot = self._scene.plot
         inside = plot.mapFrom(self._window, at)
         return self._scene.picker.name_at(inside) if plot.isVisible() and plot.rect().contains(inside) else ""
-
-
-def _is_series(path: Path) -> bool:
-    return path.is_dir() and bool(dicom_files(path))

@@ -635,13 +635,12 @@ class Scene(QWidget):
         self.plot.update()
 
     def _plane_before(self, cell: "ViewCell", place: FloatArray, toward: FloatArray, box: Box) -> Clip | None:
-        """Return the plane in front of a point that a surface hides; it stays when the view turns."""
+        """Return the plane midway between a point and what hides it; it stays when the view turns."""
         ahead = (cell.vertices - place) @ toward
         aside = np.linalg.norm(cell.vertices - place - ahead[:, None] * toward, axis=1)
         room = 4.0 * self.grid.radius
-        if not ((aside < 0.5 * room) & (ahead > room)).any():
-            return None
-        return Clip.free(-toward, place + 0.5 * room * toward, box)
+        hiding = ahead[(aside < 0.5 * room) & (ahead > room)]
+        return Clip.free(-toward, place + 0.5 * hiding.min() * toward, box) if len(hiding) else None
 
     def paint(self, colours: Colours) -> None:
         """Apply the colours of the scheme."""

@@ -89,7 +89,7 @@ class Views(QObject):
             page.shown_changed.connect(partial(self._display_page, page))
             page.place_wanted.connect(stage.scene.go_to)
             page.place_wanted.connect(self._point_slices)
-            page.turn_wanted.connect(stage.scene.face)
+            page.turn_wanted.connect(partial(self._face, page))
         session.job_changed.connect(self._offer_modes)
         self.scans = ScanController(window, workspace, explore, table, stage, commands["view.slice"])
         stage.slices.beside.toggled.connect(self._switch_slices)
@@ -306,6 +306,10 @@ class Views(QObject):
         session = self._session
         early = session.job.run is not None and session.preliminary is not None
         self.stage.footer.ready.setVisible(early and session.step != "explore")
+
+    def _face(self, page: "ExplorePage", name: str, place: FloatArray, normal: FloatArray) -> None:
+        if page is self._page:  # the answer may come when another one is open
+            self.stage.scene.face(name, place, normal)
 
     def _display_page(self, page: "ExplorePage") -> None:
         if page is self._page:

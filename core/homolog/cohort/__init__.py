@@ -16,6 +16,7 @@ from homolog.cohort.patterns import Proposal, counts_text, proposals, proposals_
 from homolog.cohort.sides import LEFT, RIGHT, SIDE_COLUMN, other_side, side_of_word, sides_of
 from homolog.cohort.subject import (
     IMAGE_SUFFIXES,
+    MARKUP_SUFFIXES,
     MESH_SUFFIXES,
     Cohort,
     Subject,
@@ -34,6 +35,7 @@ from homolog.spreadsheets import TABLE_SUFFIXES
 __all__ = [
     "IMAGE_SUFFIXES",
     "LEFT",
+    "MARKUP_SUFFIXES",
     "MESH_SUFFIXES",
     "RIGHT",
     "SIDE_COLUMN",
@@ -53,6 +55,7 @@ __all__ = [
     "is_dicom_seg",
     "is_series",
     "landmarks_beside",
+    "names_files",
     "other_side",
     "outside_notes",
     "pictures_in",

@@ -11,6 +11,7 @@ from homolog.errors import InputError
 __all__ = [
     "IMAGE_ENDING",
     "IMAGE_SUFFIXES",
+    "MARKUP_SUFFIXES",
     "MESH_SUFFIXES",
     "Cohort",
     "Subject",
@@ -33,7 +34,7 @@ MESH_SUFFIXES = (
     ".vtk.gz", ".ply.gz", ".stl.gz", ".obj.gz", ".off.gz", *FREESURFER_SUFFIXES,
 )  # fmt: skip
 
-_MARKUPS = (".mrk.json", ".fcsv")
+MARKUP_SUFFIXES = (".mrk.json", ".fcsv")
 IMAGE_ENDING = "_image"
 """End of the name, before the suffix, of the scan next to a subject's file."""
 _LONGEST_PATH, _LONGEST_PART = 4000, 255  # characters; bytes between two slashes
@@ -170,7 +171,7 @@ def stem_of(path: Path) -> str:
 def landmarks_beside(path: Path) -> Path | None:
     """Return the markups file with a subject's name next to its file, if there is one."""
     stem = path.name[: len(path.name) - len(suffix_of(path))]
-    places = (path.parent / (stem + suffix) for suffix in _MARKUPS)  # with_name fails for a root
+    places = (path.parent / (stem + suffix) for suffix in MARKUP_SUFFIXES)  # with_name fails for a root
     return next((file for file in places if file.is_file()), None)
 
 

@@ -17,5 +17,13 @@ def test_sentences_are_plain_text():
 
 
 def test_words_that_reviewers_did_not_know_have_a_sentence():
-    for word in ("medoid", "parallel analysis", "spacing", "handle", "discriminant", "verdict", "coherence"):
+    words = (
+        *("medoid", "parallel analysis", "spacing", "handle", "discriminant", "verdict", "coherence"),
+        *("D = 1.8 (90 % CI 1 to 3)", "Mahalanobis D", "F(3, 18)", "Hotelling's T²", "AUC", "p < 0.001", "z"),
+        *("at a false discovery rate of 5 %", "Dispersion", "Balanced accuracy", "± 2 SD", "Seeds", "Power"),
+        *("Within strata", "Main effects", "Interactions", "Procrustes", "Tunnels", "10000 permutations"),
+        "Holm's correction",
+    )
+    for word in words:
         assert explanation(word), word
+    assert not explanation("3-D views")

@@ -112,3 +112,31 @@ def test_enter_presses_the_button_that_has_the_focus(explored):
     button.setFocus()
     QTest.keyClick(button, Qt.Key.Key_Return)
     assert explored.workspace.session.step == "cohort"
+
+
+def test_enter_opens_the_box_that_has_the_focus(explored, wait):
+    from PySide6.QtCore import Qt
+    from PySide6.QtTest import QTest
+
+    explored.commands["explore.modes"].trigger()
+    box = explored.inspector.explore.page.views
+    wait(box.isEnabled)
+    explored.activateWindow()
+    box.setFocus()
+    QTest.keyClick(box, Qt.Key.Key_Return)
+    assert box.view().isVisible()
+    box.hidePopup()
+
+
+def test_shapes_have_half_of_a_small_window_when_plots_are_folded(explored, wait):
+    explored.resize(1440, 900)
+    explored.commands["explore.modes"].trigger()
+    explored.commands["view.plots"].trigger()
+    explored.resize(1280, 800)
+    shapes = explored.views.stage.scene.plot
+
+    def share():
+        return shapes.width() * shapes.height() / (1280 * 800)
+
+    wait(lambda: share() >= 0.5, 10, f"{share():.2f}")
+    explored.commands["view.plots"].trigger()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from PySide6.QtCore import QPoint
 
 pytestmark = pytest.mark.window
 
@@ -36,7 +37,7 @@ def page(explored, wait, _small_references, made):
 @pytest.fixture
 def patient(page, explored, ellipsoids, wait):
     """Return the page after a file was dropped on the window."""
-    assert explored.exploring.drop_files([ellipsoids / "a.nrrd"])
+    explored.drops.take([ellipsoids / "a.nrrd"], QPoint(9, 9))
     wait(lambda: page.comparison is not None and not page.workspace.session.job.is_busy, 300.0)
     return page
 
@@ -332,6 +333,6 @@ def test_a_file_dropped_before_there_is_a_reference_says_what_is_missing_and_add
     session.noticed.connect(noticed.append)
     explored.inspector.explore.page.reference = None
     before = session.study
-    assert explored.exploring.drop_files([ellipsoids / "a.nrrd"])
+    explored.drops.take([ellipsoids / "a.nrrd"], QPoint(9, 9))
     assert len(noticed) == 1
     assert session.study == before

@@ -5,7 +5,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, QSize, Qt, Slot
+from PySide6.QtCore import (
+    QAbstractTableModel,
+    QModelIndex,
+    QPersistentModelIndex,
+    QSize,
+    Qt,
+    QTimer,
+    Slot,
+)
 from PySide6.QtWidgets import QHeaderView, QTableView
 
 from homolog.arrays import FloatArray
@@ -17,6 +25,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.explore.check_display import CheckDisplay, NormalSphere
 from homolog_app.window.explore.check_state import InspectionState
 from homolog_app.window.explore.page import ExplorePage, ModelCache
+from homolog_app.window.glossary import explanation
 from homolog_app.window.theme import Theme, icon, scaled
 from homolog_app.window.widgets import (
     GRID,
@@ -81,7 +90,7 @@ class SuspectModel(QAbstractTableModel):
         """Return a heading."""
         if orientation == Qt.Orientation.Horizontal and role == Qt.ItemDataRole.DisplayRole:
             return _HEADINGS[section]
-        return None
+        return explanation(_HEADINGS[section]) if role == Qt.ItemDataRole.ToolTipRole else None
 
     def data(self, index: _Index, role: int = 0) -> Any:  # noqa: ANN401 - what Qt's roles ask for
         """Return the content of a cell."""
@@ -154,12 +163,24 @@ class CheckPage(ExplorePage):
         self.progress = Progress(actions["run.cancel"])
         self.look = CheckDisplay(workspace)
         self.plots = self.sphere = NormalSphere(workspace.theme)
+        self._is_new = False
         self._below = (self.progress, self.unsaved, self.keep, self.mend_all_button, self.repair)
         fill(self.body, self.state, (self.table, 1), self.message, [self.again, self.export, ...])
         fill(self.body, GRID, self.look, ...)
         fill(self.footer, *self._below)
         self._connect()
         self._show_inspection()
+
+    def enter(self) -> None:
+        """Show what was found while another page was open."""
+        if self._is_new:
+            QTimer.singleShot(0, self, self._open_on_finding)  # the views of the other page come to an end
+
+    def _open_on_finding(self) -> None:
+        """Choose the most severe suspect of an inspection that has not been seen."""
+        self._is_new = not self.isVisible()
+        if not self._is_new and self.rows.suspects:
+            self.table.selectRow(0)
 
     def handle_pick(self, pick: "Pick") -> None:
         """Choose what was clicked."""
@@ -220,6 +241,7 @@ class CheckPage(ExplorePage):
     def _connect(self) -> None:
         session = self.workspace.session
         self.checked.changed.connect(self._show_inspection)
+        self.checked.found.connect(self._open_on_finding)
         self.checked.repaired.connect(self._show_repaired)
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._choose(self._row))
         self.table.activated.connect(lambda index: self._choose(index.row()))

@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
 
 from homolog_app.rendering.text import typeset
 from homolog_app.window.actions import Actions
+from homolog_app.window.glossary import explanation
 from homolog_app.window.widgets import (
     GRID,
     ActionButton,
@@ -100,14 +101,16 @@ class SubjectTable(QAbstractTableModel):
     def headerData(
         self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole
     ) -> object:
-        """Return a column's name, or its alignment."""
+        """Return a column's name, explanation or alignment."""
         across = orientation == Qt.Orientation.Horizontal
         if across and role == Qt.ItemDataRole.TextAlignmentRole:
             is_number = any(isinstance(row[section], float) for row in self._rows)
             side = Qt.AlignmentFlag.AlignRight if is_number else Qt.AlignmentFlag.AlignLeft
             return side | Qt.AlignmentFlag.AlignVCenter
-        is_text = across and role == Qt.ItemDataRole.DisplayRole
-        return (*self._heads, *self._more)[section] if is_text else None
+        heads = (*self._heads, *self._more)
+        if across and role == Qt.ItemDataRole.ToolTipRole:
+            return explanation(heads[section])
+        return heads[section] if across and role == Qt.ItemDataRole.DisplayRole else None
 
     def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> object:
         """Return the text, sort value or alignment of a cell."""

@@ -79,6 +79,7 @@ class GroupsPage(ExplorePage):
     """The question, its answer in words and numbers, and how the map is shown."""
 
     title = "Groups"
+    compares = True
     hint = "Differences between groups, or effects of a number, with their tests."
 
     answered = Signal()

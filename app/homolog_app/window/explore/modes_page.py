@@ -195,6 +195,7 @@ class ModesPage(ExplorePage):
     """Sliders of the modes, playback, subjects and their reconstruction."""
 
     title = "Modes"
+    compares = True
     hint = "Move the mean shape along its modes of variation, alone or combined."
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:

@@ -1,6 +1,5 @@
 """The base class of the pages of *Explore*, their shared shape models, and the page *Overview*."""
 
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -210,6 +209,8 @@ class ExplorePage(Panel):
     ----------
     title : str
         Text of the page's tab.
+    compares : bool
+        Whether the page shows another project's model beside that of the result.
     player : Player or None
         What plays when the space bar is pressed.
     plots : QWidget or None
@@ -222,6 +223,7 @@ class ExplorePage(Panel):
 
     title = ""
     hint = ""
+    compares = False
     shown_changed = Signal()
     place_wanted = Signal(str, object, object)
     turn_wanted = Signal(str, object, object)
@@ -300,10 +302,6 @@ class ExplorePage(Panel):
 
     def set_scan(self, name: str, path: Path) -> bool:
         """Set the scan of `sliced`; return whether the page accepts it."""
-        return False
-
-    def drop_files(self, paths: Sequence[Path]) -> bool:
-        """Handle files that were dropped while the page is open; return whether it did."""
         return False
 
     def handle_pick(self, pick: "Pick") -> None:

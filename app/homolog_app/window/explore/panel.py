@@ -334,10 +334,6 @@ class ExploreController(Controller):
         kinds = "PDF (*.pdf);;HTML (*.html)"
         self.asking(self._workspace.files.new, "Save plan", "plan.pdf", kinds, does=save)()
 
-    def drop_files(self, paths: Sequence[Path]) -> bool:
-        """Offer dropped files to the open page; return whether it accepted them."""
-        return self._panel.page.drop_files(paths)
-
     def open_patient(self) -> None:
         """Ask for a patient's file and compare it."""
         self._workspace.session.show_page(PatientPage.title, "explore")

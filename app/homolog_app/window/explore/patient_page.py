@@ -488,8 +488,8 @@ class PatientPage(ExplorePage):
         self.shown_changed.emit()
         return True
 
-    def drop_files(self, paths: Sequence[Path]) -> bool:
-        """Compare a file that was dropped while the page is open, or open a reference."""
+    def drop_files(self, paths: Sequence[Path]) -> None:
+        """Compare a dropped file, or open a reference."""
         (first, *others), noticed = paths, self.workspace.session.noticed
         if others:
             noticed.emit("Drop one file: the patient's segmentation or surface")
@@ -499,7 +499,6 @@ class PatientPage(ExplorePage):
             noticed.emit("Make a reference or open one first, then drop the patient's file")
         else:
             self.compare(first)
-        return True
 
     def make_reference(self) -> None:
         """Freeze the model of the chosen group of the open project, fitting each control as a patient."""
@@ -600,7 +599,13 @@ class PatientPage(ExplorePage):
         self.structures.setVisible(bool(several))
         self._show_structure()
         if self.comparison is not None and self.reference is not None:
-            QTimer.singleShot(0, self, lambda: self.reveal(self.finding, at_top=True))
+            QTimer.singleShot(0, self, self._open_on_finding)
+
+    def _open_on_finding(self) -> None:
+        """Show the sentence, and turn the patient to the first region beyond the limit."""
+        self.reveal(self.finding, at_top=True)
+        if self.comparison is not None and self.places:
+            self.turn_wanted.emit(self.comparison.name, *self.places[0])
 
     def _show_structure(self) -> None:
         """Show what the chosen structure, or all, tell."""
