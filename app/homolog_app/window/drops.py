@@ -97,7 +97,7 @@ class Drops(Controller):
             session.noticed.emit(f"{path.name}: a reference is opened on the page Patient, after a run")
             return
         session.show_page(PatientPage.title, "explore")
-        self._explore.page.drop_files([path])
+        self._explore.page_of(PatientPage).drop_files([path])
 
     def _set_landmarks(self, path: Path, at: QPoint) -> None:
         """Set the landmarks of the subject that has the file's name, or on which it was dropped."""
