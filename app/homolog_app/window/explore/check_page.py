@@ -241,7 +241,7 @@ class CheckPage(ExplorePage):
     def _connect(self) -> None:
         session = self.workspace.session
         self.checked.changed.connect(self._show_inspection)
-        self.checked.found.connect(self._open_on_finding)
+        self.checked.inspected.connect(self._open_on_finding)
         self.checked.repaired.connect(self._show_repaired)
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._choose(self._row))
         self.table.activated.connect(lambda index: self._choose(index.row()))

@@ -36,13 +36,13 @@ class _Version:
 class InspectionState(QObject):
     """Inspects the session's result in the computing thread while the page that shows that is open.
 
-    A cancelled inspection restarts when the page is opened again or on request; `found` follows each that was
+    A cancelled inspection restarts when the page is opened again or on request; `inspected` follows each that was
     carried out. `repaired` gives the suspects
     that were optimized again, and the number of those whose new particles are better; others stay.
     """
 
     changed = Signal()
-    found = Signal()
+    inspected = Signal()
     repaired = Signal(object, int)
 
     def __init__(self, workspace: Workspace, parent: QObject, page: str) -> None:
@@ -217,7 +217,7 @@ class InspectionState(QObject):
         def take(inspection: "Inspection") -> None:
             self._versions = [_Version(result, inspection, {})]
             self.changed.emit()
-            self.found.emit()
+            self.inspected.emit()
 
         self._workspace.work.compute("check", inspect, "looking for suspects", take)
 
