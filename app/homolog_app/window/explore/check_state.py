@@ -36,9 +36,9 @@ class _Version:
 class InspectionState(QObject):
     """Inspects the session's result in the computing thread while the page that shows that is open.
 
-    A cancelled inspection restarts when the page is opened again or on request; `inspected` follows each that was
-    carried out. `repaired` gives the suspects
-    that were optimized again, and the number of those whose new particles are better; others stay.
+    A cancelled inspection restarts when the page is opened again or on request; `inspected` follows each that
+    was carried out. `repaired` gives the suspects that were optimized again, and the number of those whose
+    new particles are better; others stay.
     """
 
     changed = Signal()
