@@ -341,6 +341,11 @@ class GroomSettings(_Settings):
         return self.label, self.segment, self.structures, self.values
 
     @property
+    def structure(self) -> str:
+        """The structure in the files: its name, or its label; empty if neither is given."""
+        return self.segment or ("" if self.label is None else str(self.label))
+
+    @property
     def of_structures(self) -> dict[str, "GroomSettings"]:
         """The settings of each of several structures alone, by its name; empty for one structure."""
         own, sources = _own_grooming(self.structure_grooming), dict(_named_sources(self.structures or ""))

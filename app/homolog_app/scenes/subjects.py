@@ -140,11 +140,13 @@ def subject_contents(
             fine, coarse = result.surfaces[subject.name]
             alignment = alignments[subject.name]
         own, faded = own_text(subject.columns), False
-        if cuts := readable_cuts(subject):
+        keys = [alone.structure for alone in settings.groom.of_structures.values()] or [""]
+        cuts = tuple(text_of(readable_cuts(subject, key)) for key in keys)
+        if any(cuts):
             is_cut = own == (done[subject.name] if subject.name in alignments else smooth and smooth.own)
             whole = raw if is_cut else whole_surface(subject.name, surveys, groomed)
-            if whole is not None:
-                kept, rest = parts_of(whole, text_of(cuts))
+            if whole is not None and len(whole.parts) == len(cuts):
+                kept, rest = parts_of(whole, cuts)
                 fine, coarse = (fine, coarse) if is_cut or not len(kept.faces) else (kept, None)
                 raw, faded = rest, rest is not None
         if alignment is None:
@@ -165,10 +167,13 @@ def subject_contents(
     return SubjectContents([subject.name for subject in subjects], made)
 
 
-def readable_cuts(subject: Subject) -> tuple[Cut, ...]:
-    """Return what is cut away of a subject; nothing if its table can't be read, which grooming reports."""
+def readable_cuts(subject: Subject, structure: str = "") -> tuple[Cut, ...]:
+    """Return what is cut away of a subject, or of one of several structures.
+
+    It is nothing if the table can't be read, which grooming reports.
+    """
     try:
-        return cuts_of(subject)
+        return cuts_of(subject, structure)
     except InputError:
         return ()
 
@@ -188,12 +193,13 @@ _PARTS = 64
 
 
 @lru_cache(_PARTS)
-def parts_of(whole: TriangleMesh, text: str) -> tuple[TriangleMesh, TriangleMesh | None]:
-    """Return what cuts keep of a surface, and what they leave out, if anything."""
+def parts_of(whole: TriangleMesh, texts: tuple[str, ...]) -> tuple[TriangleMesh, TriangleMesh | None]:
+    """Return what cuts keep of a surface, by structure, and what they leave out, if anything."""
     from homolog.grooming.cuts import kept_surface
 
-    kept, rest = kept_surface(whole, parse_cuts(text, ""))
-    out = joined(rest) if rest else None
+    pieces = [kept_surface(part, parse_cuts(text, "")) for part, text in zip(whole.parts, texts, strict=True)]
+    rest = [item for _, those in pieces for item in those]
+    kept, out = joined([part for part, _ in pieces]), joined(rest) if rest else None
     return kept, out and TriangleMesh(out.vertices, out.faces)  # pieces, not structures
 
 

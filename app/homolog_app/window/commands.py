@@ -4,7 +4,6 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from homolog.io.project import ProjectFolder
-from homolog_app.scenes.subjects import readable_cuts
 from homolog_app.window.session import Session
 
 __all__ = ["COMMANDS", "LAYOUTS", "MENUS", "Command", "WindowState", "command", "obstacles"]
@@ -398,7 +397,9 @@ def _of_idle_study(session: Session, project: ProjectFolder, state: WindowState)
         "removable": chosen,
         "groomed_selection": chosen and session.selection[0] in session.groomed,
         "cut_selection": chosen
-        and any(item.name == session.selection[0] and readable_cuts(item) for item in session.study.included)
+        and any(
+            item.name == session.selection[0] and session.has_cuts(item) for item in session.study.included
+        )
         and session.selection[0] in session.groomed,
         "ready": two and (session.is_groomed or result),
         "more": further is not None and further.particles > 0,

@@ -1,10 +1,22 @@
 """The box of *Groom* with the tools that cut a part of a subject away."""
 
+from collections.abc import Mapping
+
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QPushButton, QWidget
 
 from homolog_app.window.actions import Actions
-from homolog_app.window.widgets import ActionButton, ValueEdit, button, choice, column, label, row, slider
+from homolog_app.window.widgets import (
+    ActionButton,
+    ValueEdit,
+    button,
+    choice,
+    column,
+    label,
+    offer,
+    row,
+    slider,
+)
 
 __all__ = ["BACK", "BRUSH", "PLANE", "CutBox"]
 
@@ -46,6 +58,8 @@ class CutBox(QWidget):
             tool.clicked.connect(lambda _, chosen=name: self._choose(chosen))
         self.place = choice("Place of the plane", _PLACES, "Where the plane begins")
         self.place.activated.connect(self.plane_wanted)
+        self.structure = choice("Structure", tip="Structure that is cut away")
+        self.structure.activated.connect(self.tool_changed)
         self.keep = ValueEdit("Length kept along the long axis [mm]", 0.1, 9999.0)
         self.keep.setPlaceholderText("keep")
         self.keep.setToolTip("Place the plane across the long axis so that this length is kept")
@@ -58,6 +72,7 @@ class CutBox(QWidget):
         column(
             label("Cut away", "SectionTitle"),
             row(*self.tools.values()),
+            self.structure,
             self.where,
             self.brush,
             row(
@@ -73,6 +88,11 @@ class CutBox(QWidget):
         """The tool in use; empty if there is none."""
         return next((name for name, tool in self.tools.items() if tool.isChecked()), "")
 
+    def offer(self, structures: Mapping[str, str]) -> None:
+        """Let the user choose among several structures, by name, with what they are in the files."""
+        offer(self.structure, structures)
+        self._show()
+
     def drop(self) -> None:
         """Put the tool down."""
         for tool in self.tools.values():
@@ -86,5 +106,6 @@ class CutBox(QWidget):
         self.tool_changed.emit()
 
     def _show(self) -> None:
+        self.structure.setVisible(self.tool == PLANE and self.structure.count() > 1)
         self.where.setVisible(self.tool == PLANE)
         self.brush.setVisible(self.tool in (BRUSH, BACK))

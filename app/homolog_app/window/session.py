@@ -15,7 +15,7 @@ from homolog.settings import OWN, OwnGrooming, RunSettings
 from homolog_app.scenes.loaded_result import LoadedResult
 from homolog_app.scenes.model_shape import PreliminaryModel
 from homolog_app.scenes.structures import ALL, POSES, SHAPES, aspect_of, part_of_aspect
-from homolog_app.scenes.subjects import Groomed
+from homolog_app.scenes.subjects import Groomed, readable_cuts
 from homolog_app.window.jobs import Devices, RunJob
 from homolog_app.window.runner import Status
 from homolog_app.window.study import Extension, Member, Study, extension_of, with_cuts
@@ -200,13 +200,26 @@ class Session(QObject):
         changed = replace(member, subject=replace(member.subject, columns=columns))
         self.edit(f"Grooming of {name}", self.study.with_members({name: changed}))
 
-    def set_cuts(self, name: str, text: str, key: str = "") -> None:
+    @property
+    def cut_structures(self) -> dict[str, str]:
+        """Of several structures, their names and what they are in the files; else one without a name."""
+        several = self.study.settings.groom.of_structures
+        return {name: own.structure for name, own in several.items()} or {"": ""}
+
+    def has_cuts(self, subject: Subject) -> bool:
+        """Whether anything is cut away of a subject."""
+        return any(readable_cuts(subject, own) for own in self.cut_structures.values())
+
+    def set_cuts(self, name: str, text: str, structure: str = "", key: str = "") -> None:
         """Set what is cut away of one subject; edits with the same key are one in the undo history."""
-        self.edit(f"Cut {name}", with_cuts(self.study, {name: text}), key)
+        self.edit(f"Cut {name}", with_cuts(self.study, {name: text}, structure), key)
 
     def uncut_selected(self) -> None:
         """Leave the selected subjects whole."""
-        self.edit("Remove cuts", with_cuts(self.study, dict.fromkeys(self.selection, "")))
+        study = self.study
+        for structure in ("", *self.cut_structures.values()):
+            study = with_cuts(study, dict.fromkeys(self.selection, ""), structure)
+        self.edit("Remove cuts", study)
 
     @property
     def extension_of(self) -> Extension | None:

@@ -22,7 +22,7 @@ from homolog.cohort import (
     tables_of_files,
 )
 from homolog.errors import InputError
-from homolog.io.constraints import COLUMN, own_text
+from homolog.io.constraints import cut_column, own_text
 from homolog.io.records import ResultRecord
 from homolog.settings import RunSettings
 
@@ -298,13 +298,17 @@ def extension_of(study: Study, result: ResultRecord) -> Extension:
     )
 
 
-def with_cuts(study: Study, cuts: Mapping[str, str]) -> Study:
-    """Return a study with other cuts of some subjects, by name; an empty text leaves a subject whole."""
+def with_cuts(study: Study, cuts: Mapping[str, str], structure: str = "") -> Study:
+    """Return a study with other cuts of some subjects, by name; an empty text leaves a subject whole.
+
+    Of several structures, they are those of one.
+    """
+    column = cut_column(structure)
     changed = {}
     for member in study.members:
         if member.name in cuts:
             columns = dict(member.subject.columns)
-            title = next((key for key in columns if key.strip().casefold() == COLUMN), COLUMN)
+            title = next((key for key in columns if key.strip().casefold() == column), column)
             columns[title] = cuts[member.name]
             changed[member.name] = replace(member, subject=replace(member.subject, columns=columns))
     return study.with_members(changed)

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from PySide6.QtCore import QObject, Slot
 
 from homolog.cohort import Cohort, Subject, column_of
-from homolog.io.constraints import COLUMN, own_text
+from homolog.io.constraints import cut_column, own_text
 from homolog.io.project import ProjectFolder
-from homolog.progress import Tick
+from homolog.progress import Tick, part_of
 from homolog.settings import GroomSettings
 from homolog_app.scenes.loaded_result import LoadedResult, load_result
 from homolog_app.scenes.subjects import Groomed, whole_surface
@@ -199,15 +199,29 @@ class Work(QObject):
             if item.name in session.groomed
             and (whole := whole_surface(item.name, session.surveys, session.groomed)) is not None
         }
-        text = next(column_of(item.columns, COLUMN) for item in study.included if item.name == name)
+        subject = next(item for item in study.included if item.name == name)
+        texts = {key: column_of(subject.columns, cut_column(key)) for key in session.cut_structures.values()}
 
-        def work(tick: Tick) -> dict[str, str]:
+        def work(tick: Tick) -> dict[str, dict[str, str]]:
             from homolog.run.planes import carry_cuts
 
-            return carry_cuts(name, text, shapes, tick)
+            carried = {}
+            for number, (structure, text) in enumerate(texts.items()):
+                own = {
+                    item: (mesh.parts[number], place)
+                    for item, (mesh, place) in shapes.items()
+                    if len(mesh.parts) == len(texts)
+                }
+                if text and name in own:
+                    now = part_of(tick, number / len(texts), (number + 1) / len(texts))
+                    carried[structure] = carry_cuts(name, text, own, now)
+            return carried
 
-        def take(carried: dict[str, str]) -> None:
-            self.session.edit("Carry cuts", with_cuts(self.session.study, carried))
+        def take(carried: dict[str, dict[str, str]]) -> None:
+            study = self.session.study
+            for structure, cuts in carried.items():
+                study = with_cuts(study, cuts, structure)
+            self.session.edit("Carry cuts", study)
 
         self.compute("carry", work, "carrying the cuts", take)
 

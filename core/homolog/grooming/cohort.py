@@ -189,7 +189,7 @@ def _read(job: _Check) -> _Content:
     settings = settings_of(subject, common)
     source = read_source(subject, settings) if given is None else check_source(given, settings, subject.name)
     landmarks = None if subject.landmarks is None else read_markups(subject.landmarks)
-    check_cuts(subject.name, cuts := cuts_of(subject, settings.segment), source)
+    check_cuts(subject.name, cuts := cuts_of(subject, settings.structure), source)
     reading = Reading(content_key(source, settings, cuts) if most else "", landmarks=landmarks)
     if isinstance(source, TriangleMesh):
         kept = source.vertices.nbytes + source.faces.nbytes <= most
@@ -223,7 +223,7 @@ def _key(job: tuple[Subject, GroomSettings]) -> str:
     subject, common = job
     try:
         settings = settings_of(subject, common)
-        return content_key(read_source(subject, settings), settings, cuts_of(subject, settings.segment))
+        return content_key(read_source(subject, settings), settings, cuts_of(subject, settings.structure))
     except InputError:
         return ""
 
@@ -396,7 +396,7 @@ def _groomed(job: _Job) -> tuple[str, GroomedSubject | None]:
     if isinstance(source, _Packed):
         source = source.unpacked()
     source = read_source(subject, settings) if source is None else source
-    cuts = cuts_of(subject, settings.segment)
+    cuts = cuts_of(subject, settings.structure)
     key = content_key(source, settings, cuts)
     return key, None if key == known else groom(subject.name, source, settings, cuts)
 

@@ -174,7 +174,7 @@ def groom_subject(subject: Subject, settings: GroomSettings) -> GroomedSubject:
         If no closed surface can be computed.
     """
     own = settings_of(subject, settings)
-    return groom(subject.name, read_source(subject, own), own, cuts_of(subject, own.segment))
+    return groom(subject.name, read_source(subject, own), own, cuts_of(subject, own.structure))
 
 
 def settings_of(subject: Subject, settings: GroomSettings) -> GroomSettings:

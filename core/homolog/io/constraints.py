@@ -18,6 +18,7 @@ from homolog.surfaces.clipping import Ball, Cut, Plane, covering
 
 __all__ = [
     "COLUMN",
+    "cut_column",
     "cuts_of",
     "own_text",
     "parse_cuts",
@@ -35,7 +36,12 @@ z and a radius, within which the surface is left out, or put back if the radius 
 """
 
 
-def cuts_of(subject: Subject, structure: str | None = None) -> tuple[Cut, ...]:
+def cut_column(structure: str) -> str:
+    """Return the column with the cuts of a structure, of several; without a name that of a single one."""
+    return f"{COLUMN}:{structure}".casefold() if structure else COLUMN
+
+
+def cuts_of(subject: Subject, structure: str = "") -> tuple[Cut, ...]:
     """Return the cuts in a subject's column ``cut:STRUCTURE``, or without one in its column ``cut``.
 
     Raises
@@ -43,14 +49,19 @@ def cuts_of(subject: Subject, structure: str | None = None) -> tuple[Cut, ...]:
     InputError
         If the column can't be read.
     """
-    text = column_of(subject.columns, f"{COLUMN}:{structure}".casefold()) if structure else ""
+    text = column_of(subject.columns, cut_column(structure))
     return parse_cuts(text or column_of(subject.columns, COLUMN), subject.name)
 
 
 def own_text(columns: Mapping[str, str]) -> str:
     """Return how a subject is to be groomed in its own way, and in a second line what is cut away of it."""
-    cut = column_of(columns, COLUMN)
-    return column_of(columns, OWN) + (f"\n{cut}" if cut else "")
+    titles = {name.strip().casefold(): name for name in columns}
+    cuts = [
+        columns[own] if title == COLUMN else f"{title} {columns[own]}"
+        for title, own in sorted(titles.items())
+        if title.partition(":")[0] == COLUMN and columns[own].strip()
+    ]
+    return "\n".join([column_of(columns, OWN), *cuts])
 
 
 def parse_cuts(text: str, name: str) -> tuple[Cut, ...]:

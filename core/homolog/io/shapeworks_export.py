@@ -14,7 +14,7 @@ from homolog.cohort import column_of
 from homolog.errors import InputError
 from homolog.io.atomic import atomic_write, write_text
 from homolog.io.bounded import read_json
-from homolog.io.constraints import COLUMN, parse_cuts, write_planes
+from homolog.io.constraints import COLUMN, cut_column, parse_cuts, write_planes
 from homolog.io.names import file_stems
 from homolog.io.particles import write_particles
 from homolog.io.project import ProjectFolder
@@ -154,7 +154,7 @@ def _targets(
     everything = {subject.name: surface_file(project, subject.file) for subject in record.subjects}
     if not record.structures:
         return [_Target(folder, name, domain, slice(0, record.particles), everything)]
-    targets, begin = [], 0
+    targets, begin, settings = [], 0, record.settings.groom.of_structures
     for stem, item in zip(
         file_stems([one.name for one in record.structures]), record.structures, strict=True
     ):
@@ -162,10 +162,9 @@ def _targets(
         own = alone.read().result
         assert own is not None, "each structure of a result has one"
         files = {subject.name: surface_file(alone, subject.file) for subject in own.subjects}
+        source = settings[item.name].structure if item.name in settings else item.name
         particles, begin = slice(begin, begin + item.particles), begin + item.particles
-        targets.append(
-            _Target(folder, name, item.name, particles, files, f"_{stem}", f"{COLUMN}:{item.name}")
-        )
+        targets.append(_Target(folder, name, item.name, particles, files, f"_{stem}", cut_column(source)))
     return targets
 
 

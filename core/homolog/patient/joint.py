@@ -300,14 +300,18 @@ def make_reference(
         )
     lead = record.settings.optimize.align_by or names[0]
     poses = tuple(_norm(name, lead, fitted[name], fitted[lead]) for name in names if name != lead)
-    return JointReference({name: _among(own.reference, len(names)) for name, own in fitted.items()}, poses)
+    called = project.folder.resolve().name
+    return JointReference(
+        {name: _among(own.reference, len(names), called) for name, own in fitted.items()}, poses
+    )
 
 
-def _among(reference: Reference, count: int) -> Reference:
-    """Return a reference whose limit holds for all of several structures together (Bonferroni)."""
+def _among(reference: Reference, count: int, project: str) -> Reference:
+    """Return a reference of a project whose limit holds for all of several structures (Bonferroni)."""
     limit = prediction_limit(reference.maxima, LEVEL / count)
     quality = replace(reference.quality, limit_mm=reference.quality.limit_mm * limit / reference.limit)
-    return replace(reference, limit=limit, quality=quality)
+    about = replace(reference.provenance, project=project)
+    return replace(reference, limit=limit, quality=quality, provenance=about)
 
 
 def _norm(structure: str, against: str, own: Fitted, other: Fitted) -> PoseNorm:

@@ -7,11 +7,13 @@ from PySide6.QtCore import Qt
 from homolog.api.project import Project
 from homolog.cohort import read_cohort
 from homolog.geometry import fit_similarity, rotation_of
+from homolog.io.constraints import cuts_of
 from homolog.io.meshes import write_mesh
 from homolog.io.project import ProjectFolder
 from homolog.run.project_grooming import groom_project
 from homolog.settings import OptimizeSettings, RunSettings
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.window.cutting import CutTool
 from homolog_app.window.jobs import RunJob
 
 pytestmark = pytest.mark.window
@@ -201,3 +203,35 @@ def test_a_patient_has_all_structures_as_they_lie(opened, small_references, pair
     wait(lambda: not session.job.is_busy, 300.0)
     written = {path.name for path in (tmp_path / "report").iterdir()}
     assert written == {"report.html", "report.pdf", "pose.csv", *names}
+
+
+def test_a_structure_is_cut_and_carried_and_the_other_stays_whole(window, pairs, coarse, wait):
+    session, commands = window.workspace.session, window.commands
+    window.projects.open_paths([pairs])
+    window.workspace.edit_settings("groom", "structures", settings_of(coarse).groom)
+    wait(
+        lambda: len(session.surveys) == 4 and all(item.groom.structures for item in session.surveys.values())
+    )
+    commands["run.groom"].trigger()
+    wait(lambda: session.is_groomed and not session.job.is_busy, 300.0)
+    session.show_step("groom")
+    session.select(["a"])
+    box, names = window.inspector.groom.cuts, list(session.cut_structures)
+    box.structure.setCurrentIndex(1)
+    box.tools["plane"].click()
+    subject = next(item for item in session.study.included if item.name == "a")
+    assert [key for key, text in subject.columns.items() if text] == [f"cut:{names[1]}"]
+    assert cuts_of(subject, names[0]) == ()
+    shown = next(item for item in window.views.stage.scene.shown if item.name == "a")
+    whole = session.groomed["a"].subject.mesh
+    assert shown.faded
+    assert shown.groomed.parts[0].area == pytest.approx(whole.parts[0].area)
+    assert shown.groomed.parts[1].area == pytest.approx(0.5 * whole.parts[1].area, rel=0.1)
+    assert not session.is_groomed
+    assert window.views.stage.scene.findChild(CutTool).handle.widget.GetEnabled()
+    commands["edit.carry"].trigger()
+    wait(lambda: not session.job.is_busy, 300.0)
+    assert all(len(cuts_of(item, names[1])) == 1 for item in session.study.included)
+    session.undo.undo()
+    session.undo.undo()
+    assert session.is_groomed
