@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from homolog.arrays import FloatArray
 from homolog.cohort import Subject, column_of
@@ -24,6 +25,7 @@ __all__ = [
     "parse_cuts",
     "read_constraints",
     "read_flags",
+    "read_painted",
     "text_of",
     "write_planes",
 ]
@@ -165,6 +167,50 @@ def read_flags(path: Path, surface: Path) -> tuple[Cut, ...]:
         raise InputError(f"{path}: has values other than 0 and 1; write 0 where a vertex is removed")
     try:
         return tuple(covering(vertices, np.array(values) == "1"))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+_PAINT = {"cut": False, "ffc_paint": True}
+"""Arrays of a mesh with what is painted, and whether 1 is kept; the second is that of ShapeWorks."""
+
+
+def read_painted(path: Path) -> tuple[Cut, ...]:
+    """Read what is left out of a surface by an array of its file (.vtp): of its vertices or its faces.
+
+    In an array ``cut``, 1 is left out and 0 kept; in ``ffc_paint`` of ShapeWorks 1 is kept.
+
+    Raises
+    ------
+    InputError
+        If the file can't be read, has no such array, or nothing would be kept.
+    """
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
+    surface = KDTree(read_mesh(path).vertices)  # in the frame of all meshes, without what VTK would add
+    reader = vtkXMLPolyDataReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    content = reader.GetOutput()
+    points = vtk_to_numpy(content.GetPoints().GetData()).astype(np.float64)
+    of_points, of_faces = content.GetPointData(), content.GetCellData()
+    for name, keeps in _PAINT.items():
+        if of_points.HasArray(name):
+            kept = (vtk_to_numpy(of_points.GetArray(name)) > 0.5) == keeps
+            break
+        if of_faces.HasArray(name):
+            of_kept = (vtk_to_numpy(of_faces.GetArray(name)) > 0.5) == keeps
+            kept, corners = np.zeros(len(points), bool), content.GetPolys()
+            ends = vtk_to_numpy(corners.GetOffsetsArray())
+            kept[vtk_to_numpy(corners.GetConnectivityArray())[np.repeat(of_kept, np.diff(ends))]] = True
+            break
+    else:
+        raise InputError(f"{path}: has no array named {' or '.join(_PAINT)} of its vertices or faces")
+    frames = [points * axes for axes in ((1.0, 1.0, 1.0), (-1.0, -1.0, 1.0))]
+    placed = min(frames, key=lambda each: float(np.median(surface.query(each)[0])))
+    try:
+        return tuple(covering(placed, kept))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 

@@ -15,7 +15,15 @@ from homolog.geometry import fit_similarity, inverse_matrices, scale_of, transfo
 from homolog.grooming import groom_cohort
 from homolog.grooming.cuts import check_cuts
 from homolog.grooming.subject import COARSE_VERTICES
-from homolog.io.constraints import COLUMN, cuts_of, parse_cuts, read_constraints, read_flags, text_of
+from homolog.io.constraints import (
+    COLUMN,
+    cuts_of,
+    parse_cuts,
+    read_constraints,
+    read_flags,
+    read_painted,
+    text_of,
+)
 from homolog.io.markups import read_markups
 from homolog.progress import Tick, no_tick, part_of
 from homolog.registration import align_cohort
@@ -131,7 +139,8 @@ def with_regions(cohort: Cohort, pattern: str) -> Cohort:
     ----------
     cohort : Cohort
     pattern : str
-        Path with ``{subject}``: constraints of ShapeWorks (.json), or a text with 0 (left out) or 1 for each
+        Path with ``{subject}``: constraints of ShapeWorks (.json), a surface with an array ``cut`` or
+        ``ffc_paint`` (.vtp), or a text with 0 (left out) or 1 for each
         vertex of the subject's mesh. A subject without a file stays as it is.
 
     Raises
@@ -163,8 +172,10 @@ def with_regions(cohort: Cohort, pattern: str) -> Cohort:
 
 
 def _cuts_beside(job: tuple[Path, Path]) -> tuple[Cut, ...]:
-    """Read a file of constraints, or of a number for each vertex of a shape's file."""
+    """Read a file of constraints, a painted surface, or a number for each vertex of a shape's file."""
     file, shape = job
+    if file.suffix.lower() == ".vtp":
+        return read_painted(file)
     return read_constraints(file) if file.suffix.lower() == ".json" else read_flags(file, shape)
 
 

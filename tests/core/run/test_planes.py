@@ -192,6 +192,26 @@ def test_flags_of_vertices_and_constraints_of_shapeworks_mean_the_same_part(egg,
     assert ((kept_heights(egg, paint) > 0.0) == kept).mean() > 0.99
 
 
+@pytest.mark.parametrize("of_faces", [False, True])
+def test_an_array_of_a_mesh_file_is_a_painted_region(egg, tmp_path, of_faces):
+    import pyvista
+
+    surface = pyvista.PolyData.from_regular_faces(egg.vertices, egg.faces)
+    out = np.linalg.norm(egg.vertices - [0.0, 8.0, 5.0], axis=1) < 5.0
+    (surface.cell_data if of_faces else surface.point_data)["cut"] = (
+        out[egg.faces].any(axis=1) if of_faces else out
+    ).astype(np.int8)
+    surface.save(tmp_path / "egg.vtp")
+    cohort = Cohort((Subject("egg", tmp_path / "egg.vtp"),), tmp_path)
+    (subject,) = with_regions(cohort, str(tmp_path / "{subject}.vtp")).subjects
+    paint = cuts_of(subject)
+    assert ((kept_heights(egg, paint) < 0.0) == out).mean() > 0.98
+    del (surface.cell_data if of_faces else surface.point_data)["cut"]
+    surface.save(tmp_path / "egg.vtp")
+    with pytest.raises(InputError, match="no array"):
+        with_regions(cohort, str(tmp_path / "{subject}.vtp"))
+
+
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
