@@ -135,8 +135,8 @@ _ENDS = {
             metavar="PATTERN",
             help="file of each subject, such as regions/{subject}.json, that says what is removed: "
             "constraints of ShapeWorks (.json), a surface with an array cut (1 removed) or ffc_paint "
-            "(1 kept) of its vertices or faces (.vtp), or a text with 0 (removed) or 1 (kept) for each vertex "
-            "of its mesh",
+            "(1 kept) of its vertices or faces (.vtp), or a text with 0 (removed) or 1 (kept) for each "
+            "vertex of its mesh",
         ),
         option("--keep", type=float, metavar="MM", help="length kept along the long axis, from one end"),
     ),
