@@ -189,10 +189,11 @@ def _poses(project: ProjectFolder, result: Result, record: ResultRecord) -> list
             poses = PoseSample.of(result, question.pose, record.settings.optimize.align_by)
             answer = ask(poses.sample, question)
         except InputError as error:
-            answered.append((question.title, [f"Left out: {error}"]))
+            answered.append((question.title, [f"! Left out: {error}"]))
         else:
             poses.store(project, answer)
-            answered.append((question.title, [*poses.sentences(answer), *cautions(answer)]))
+            notes = [f"! {caution}" for caution in cautions(answer)]
+            answered.append((question.title, [*poses.sentences(answer), *notes]))
     return answered
 
 

@@ -21,6 +21,7 @@ from homolog.geometry import fit_similarity, rotation_of, transform_points
 from homolog.io.project import ProjectFolder
 from homolog.io.results import Part, Result
 from homolog.io.tables import write_table
+from homolog.statistics.cautions import p_text
 from homolog.statistics.relative_pose import RelativePoses, relative_poses
 from homolog.surfaces.mesh import joined
 
@@ -81,8 +82,9 @@ class PoseSample:
     def sentences(self, answer: Answer) -> list[str]:
         """Return what an answer says of each comparison."""
         return [
-            f"{title}: pose p {whole:.3g}; turn {'' if angle is None else f'{angle:.2g}°, '}p {turn:.3g}; "
-            f"shift {'' if length is None else f'{length:.2g} mm, '}p {shift:.3g}."
+            f"{title}: pose {p_text(whole)}; "
+            f"turn {'' if angle is None else f'{angle:.2g}°, '}{p_text(turn)}; "
+            f"shift {'' if length is None else f'{length:.2g} mm, '}{p_text(shift)}."
             for title, whole, turn, angle, shift, length in self.rows(answer)
         ]
 
