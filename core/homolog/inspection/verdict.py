@@ -34,7 +34,7 @@ from homolog.surfaces.closest import distances_to, thickness
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import MIRROR, mirrors
 from homolog.surfaces.nearest import nearest_particles, normals_at
-from homolog.surfaces.orientation import FILES_SPREAD, INDEPENDENT
+from homolog.surfaces.orientation import FILES_SPREAD, INDEPENDENT, TURNED_FILES
 from homolog.surfaces.topology import check_mesh
 
 __all__ = [
@@ -64,8 +64,9 @@ _RING = 6
 """Mean number of neighbours of a particle on a surface (Euler)."""
 _ANY_TURN = float(np.pi**2 / 3.0)
 """Variance of a uniform angle [rad²]."""
-_AS_WELL = float(99.0 ** (1.0 / INDEPENDENT))
-"""Ratio of distances, each the mean of 20 independent ones, at which the odds of the closer fit are 99."""
+_AS_WELL = float((1.0 / TURNED_FILES - 1.0) ** (1.0 / INDEPENDENT))
+"""Ratio of distances, each the mean of 20 independent ones, at which the odds of the closer fit are those
+of a file that lies as most do."""
 _PERMUTATIONS = 399
 """With 399 permutations, chance exceeds them all once in 400 times."""
 _EVEN = 5.0 / (18.0 * np.sqrt(3.0))
@@ -635,8 +636,9 @@ def _measure(
     parts, prior, uncertain = _parts(shapes), _ANY_TURN, np.nan
     if turns_of_files is not None:
         prior = float(min(np.square(turns_of_files).mean() / 3.0 + FILES_SPREAD**2, _ANY_TURN))
-        do_agree = 2 * np.count_nonzero(turns_of_files > np.radians(ANOTHER)) < count
-        uncertain = 0.0 if do_agree else _uncertain(surfaces, middle, chosen, tick)
+        turned = turns_of_files > np.radians(ANOTHER)
+        asked = chosen[turned[chosen]] if 2 * np.count_nonzero(turned) < count else chosen
+        uncertain = _uncertain(surfaces, middle, asked, tick) / max(len(chosen) - 1, 1)
     gaps, thin, walls, apart, turns = [], [], [], [], []
     for place, index in enumerate(chosen):
         tick(place / len(chosen), "judging the model")
@@ -678,16 +680,16 @@ def _turns_of_files(alignments: FloatArray) -> FloatArray:
     return np.radians(angles_from(proper, typical_rotation(proper)))
 
 
-def _uncertain(surfaces: Sequence[TriangleMesh], middle: int, chosen: IntArray, tick: Tick) -> float:
-    """Return the share of some subjects that another orientation fits about as well as their own."""
+def _uncertain(surfaces: Sequence[TriangleMesh], middle: int, asked: IntArray, tick: Tick) -> int:
+    """Return the number of some subjects that another orientation fits about as well as their own."""
     typical = _of_size_one(surfaces[middle])
-    others = [int(index) for index in chosen if index != middle]
+    others = [int(index) for index in asked if index != middle]
     count = 0
     for index in others:
         tick(0.0, "judging the model")
         given, *turned = candidates(_of_size_one(surfaces[index]), typical)
         count += any(fit.distance < _AS_WELL * given.distance for fit in turned)
-    return count / max(len(others), 1)
+    return count
 
 
 def _of_size_one(surface: TriangleMesh) -> OrientedPoints:

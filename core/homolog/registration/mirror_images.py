@@ -13,10 +13,10 @@ from homolog.progress import Tick, part_of, run_in_threads
 from homolog.registration.align import FindCandidates, Registrable
 from homolog.registration.closest_points import SearchedPoints
 from homolog.registration.icp import OrientedPoints, oriented_points, refined_each, sought
-from homolog.registration.orientations import RARE
 from homolog.registration.typicality import by_typicality
 from homolog.surfaces.mirroring import MIRROR
 from homolog.surfaces.nearest import NearestPoints
+from homolog.surfaces.orientation import TURNED_FILES
 from homolog.threads import cores
 
 __all__ = ["better_mirrored", "reversed_ones"]
@@ -32,7 +32,7 @@ _CLEAR = 2.0
 _LEAST_SPREAD = 0.05
 _CERTAIN = 1.5
 """Largest magnitude of a preference that counts: beyond it, differences say nothing more about sides."""
-_LIKELY = float(np.log(1.0 / RARE - 1.0))
+_LIKELY = float(np.log(1.0 / TURNED_FILES - 1.0))
 """Least log-likelihood ratio of a preference, mirror image versus usual subject: prior odds against it."""
 _LEAST, _NOTABLE = 0.5, 0.5
 """Fractions of the median preference: least magnitude of a mirror image's, and of one that shows a side."""

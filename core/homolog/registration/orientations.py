@@ -23,13 +23,11 @@ from homolog.progress import Tick, run_in_threads
 from homolog.registration.closest_points import Fit, OrientedPoints, SearchedPoints
 from homolog.registration.icp import Bending
 from homolog.registration.typicality import angles_from, typical_rotation
-from homolog.surfaces.orientation import FILES_SPREAD, INDEPENDENT
+from homolog.surfaces.orientation import FILES_SPREAD, INDEPENDENT, TURNED_FILES
 from homolog.threads import cores
 
-__all__ = ["RARE", "Choice", "Files", "choose"]
+__all__ = ["Choice", "Files", "choose"]
 
-RARE = 0.01
-"""Share of files that lie otherwise than the others."""
 _MEDIAN_ANGLE = 1.538
 """Median length of a vector of three standard normal numbers (chi distribution)."""
 _CLEAR = float(np.log(2.0))
@@ -111,7 +109,7 @@ class Files:
         volumes = np.square(np.sinc(0.5 * angles / np.pi))  # of rotations, by that of rotation vectors
         near = np.exp(-0.5 * np.square(angles / self.spread)) / ((2.0 * np.pi) ** 1.5 * self.spread**3)
         near /= volumes
-        density = (1.0 - RARE) * near + RARE / (8.0 * np.pi**2)
+        density = (1.0 - TURNED_FILES) * near + TURNED_FILES / (8.0 * np.pi**2)
         costs: FloatArray = -np.log(density) / (0.5 * INDEPENDENT)
         return costs
 

@@ -4,12 +4,14 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 
-__all__ = ["FILES_SPREAD", "INDEPENDENT", "prior_weights", "softness"]
+__all__ = ["FILES_SPREAD", "INDEPENDENT", "TURNED_FILES", "prior_weights", "softness"]
 
 INDEPENDENT = 20.0
 """Effective number of independent deviations of a surface that determine its orientation."""
 FILES_SPREAD = float(np.radians(5.0))
 """Standard deviation of the orientations of consistent files, about each axis [rad]."""
+TURNED_FILES = 0.01
+"""Share of files that lie in any other way than most of a cohort."""
 _EPSILON = 1e-9
 
 
