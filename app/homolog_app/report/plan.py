@@ -24,10 +24,8 @@ def _rows(plan: Plan) -> list[tuple[str, ...]]:
     return [
         (
             str(row.per_group),
-            *(
-                f"{100.0 * power:.0f} ({100.0 * low:.0f} to {100.0 * high:.0f})"
-                for power, (low, high) in ((row.place, row.place_range), (row.whole, row.whole_range))
-            ),
+            "{:.0f} ({:.0f} to {:.0f})".format(*(100.0 * power for power in (row.place, *row.place_range))),
+            f"{100.0 * row.whole:.0f}",
             f"{row.size_mm:.2f}",
         )
         for row in plan.rows

@@ -124,15 +124,14 @@ class Power:
         the surface).
     size_mm : float
         Difference in size that is found with the wanted power [mm].
-    whole_range, place_range : (float, float)
-        Their 90 % intervals, since a pilot knows variances only roughly.
+    place_range : (float, float)
+        90 % interval of `place`, since a pilot knows the variance of a place only roughly.
     """
 
     per_group: int
     whole: float
     place: float
     size_mm: float
-    whole_range: tuple[float, float]
     place_range: tuple[float, float]
 
 
@@ -182,8 +181,8 @@ class Plan:
         Power for each number.
     needed_whole, needed_place : int or None
         Numbers per group for the wanted power; None if more than 1000.
-    needed_whole_range, needed_place_range : (int or None, int or None)
-        Their 90 % intervals.
+    needed_place_range : (int or None, int or None)
+        90 % interval of `needed_place`.
     stability : tuple of Stability
     """
 
@@ -195,7 +194,6 @@ class Plan:
     rows: tuple[Power, ...]
     needed_whole: int | None
     needed_place: int | None
-    needed_whole_range: tuple[int | None, int | None]
     needed_place_range: tuple[int | None, int | None]
     stability: tuple[Stability, ...]
 
@@ -225,10 +223,9 @@ class Plan:
                 "between": tuple(record["between"]),
                 "point": tuple(record["point"]),
                 "rows": tuple(
-                    Power(**row | {name: tuple(row[name]) for name in ("whole_range", "place_range")})
-                    for row in record["rows"]
+                    Power(**row | {"place_range": tuple(row["place_range"])}) for row in record["rows"]
                 ),
-                **{name: tuple(record[name]) for name in ("needed_whole_range", "needed_place_range")},
+                "needed_place_range": tuple(record["needed_place_range"]),
                 "stability": tuple(
                     Stability(
                         item["over"],
@@ -341,15 +338,15 @@ def plan_study(
     size_spread = float(np.sqrt(within / pilot.dof))
     hits = _simulated(pilot, mean, effect, near, settings, part_of(tick, 0.0, 0.8))
     whole, place = (power_curve(settings.per_group, hits[:, index], settings.studies) for index in (0, 1))
-    ends_whole, ends_place = _spread_ranges(pilot)
+    # The variance of a place has a chi-squared distribution with the pilot's degrees of freedom.
+    least, most = np.sqrt(stats.chi2.ppf([0.05, 0.95], pilot.dof) / pilot.dof).tolist()
     rows = tuple(
         Power(
             number,
             whole(number),
             place(number),
             size_spread * _found_in_t_test(number, settings.power),
-            (whole(number, ends_whole[0]), whole(number, ends_whole[1])),
-            (place(number, ends_place[0]), place(number, ends_place[1])),
+            (place(number, least), place(number, most)),
         )
         for number in settings.per_group
     )
@@ -364,27 +361,9 @@ def plan_study(
         rows,
         _needed(whole, settings.power),
         _needed(place, settings.power),
-        (_needed(whole, settings.power, ends_whole[1]), _needed(whole, settings.power, ends_whole[0])),
-        (_needed(place, settings.power, ends_place[1]), _needed(place, settings.power, ends_place[0])),
+        (_needed(place, settings.power, most), _needed(place, settings.power, least)),
         _stability(pilot, normals, seeds, settings, part_of(tick, 0.8, 1.0)),
     )
-
-
-def _spread_ranges(pilot: _Pilot) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the 90 % range of the pilot's over the true standard deviation: of the shape, of a place.
-
-    The variance of a place has a chi-squared distribution with the pilot's degrees of freedom, the sum of
-    those of the shape one with more: theirs times the squared sum over the sum of squares (Box 1954).
-    """
-    rows = pilot.residuals.reshape(len(pilot.residuals), -1)
-    products = rows @ rows.T
-    several = float(np.trace(products) ** 2 / np.square(products).sum())
-    return _spread_range(pilot.dof * several), _spread_range(float(pilot.dof))
-
-
-def _spread_range(dof: float) -> tuple[float, float]:
-    low, high = np.sqrt(stats.chi2.ppf([0.05, 0.95], dof) / dof).tolist()
-    return low, high
 
 
 class _Curve(Protocol):
