@@ -3,7 +3,8 @@
     python tests/benchmarks/truth.py --folder GROOMED [--cohorts skulls …] [--particles 64 128 512 1024]
                                      [--seeds 0 1 2] [--device cpu] [--rows FILE] [--invented]
 
-With --invented, cohorts are those of `invented_anatomies.py`. Cohorts are groomed once, into GROOMED.
+With --invented, cohorts are those of `invented_anatomies.py` whose files are clean. Cohorts are groomed
+once, into GROOMED.
 HOMOLOG_DATA names the folder of the real cohorts.
 
 Landmarks of experts are carried between all pairs of subjects by thin plates through the 64 nearest
@@ -69,22 +70,8 @@ SOURCES = {
 
 INVENTED = {
     name: Source(name, is_invented=True)
-    for name in (
-        "annulus",
-        "aortic_arch",
-        "atrium",
-        "caudate",
-        "cochlea",
-        "incisor",
-        "mandible",
-        "meniscus",
-        "molar",
-        "rib",
-        "right_ventricle",
-        "skull",
-        "skullcap",
-        "tibia",
-    )
+    for name, kind in invented_anatomies.COHORTS.items()
+    if not kind.dirty
 }
 
 
