@@ -142,7 +142,7 @@ class CheckPage(ExplorePage):
     hint = "Particles that may be mismatched. Select a row to see them."
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
-        super().__init__(workspace, fitted)
+        super().__init__(workspace, actions, fitted)
         self.checked = InspectionState(workspace, self, self.title)
         self.rows = SuspectModel(workspace.theme)
         self.table = suspect_table(self.rows)

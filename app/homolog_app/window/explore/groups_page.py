@@ -85,7 +85,7 @@ class GroupsPage(ExplorePage):
     answered = Signal()
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
-        super().__init__(workspace, fitted)
+        super().__init__(workspace, actions, fitted)
         self.answers: list[GroupAnswer] = []
         self.all: Answers | None = None
         self._mapped = (0, 0)

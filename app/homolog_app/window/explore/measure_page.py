@@ -442,7 +442,7 @@ class MeasurePage(ExplorePage):
     )
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
-        super().__init__(workspace, fitted)
+        super().__init__(workspace, actions, fitted)
         self._of: ModelShape | None = None
         self._subjects: Measures | None = None
         self._along: dict[int, Measures] = {}

@@ -199,7 +199,7 @@ class ModesPage(ExplorePage):
     hint = "Move the mean shape along its modes of variation, alone or combined."
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
-        super().__init__(workspace, fitted)
+        super().__init__(workspace, actions, fitted)
         self.sliders = ModeSliders()
         self.player: Player = Player(actions, lambda: fitted.draw_ms, _RANGES)
         self.who = choice("Shape shown")

@@ -229,9 +229,9 @@ class ExplorePage(Panel):
     turn_wanted = Signal(str, object, object)
     page_wanted = Signal()
 
-    def __init__(self, workspace: Workspace, fitted: ModelCache) -> None:
+    def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
         super().__init__(self.title, self.hint)
-        self.workspace, self.fitted = workspace, fitted
+        self.workspace, self.commands, self.fitted = workspace, actions, fitted
         self.player: Player | None = None
         self.plots: QWidget | None = None
         self.views: QComboBox | None = None
@@ -334,7 +334,7 @@ class OverviewPage(ExplorePage):
     hint = "Equal colours mark corresponding places."
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
-        super().__init__(workspace, fitted)
+        super().__init__(workspace, actions, fitted)
         session = self._session = workspace.session
         self._busy = False
         self.summary, self.verdict, self.files = prose(), prose(), prose("Hint")

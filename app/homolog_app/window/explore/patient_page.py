@@ -330,7 +330,7 @@ class PatientPage(ExplorePage):
     hint = f"One shape against the controls: how unusual, and where. {_RESEARCH}"
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
-        super().__init__(workspace, fitted)
+        super().__init__(workspace, actions, fitted)
         self.reference: Reference | JointReference | None = None
         self.comparison: PatientComparison | JointComparison | None = None
         self._parts: Mapping[str, ComparedPatient] = {}
