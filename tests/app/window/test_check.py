@@ -52,7 +52,7 @@ def swapped(converged, tmp_path):
 
 
 @pytest.fixture
-def checking(window, swapped, errors, wait):
+def opened(window, swapped, errors, wait):
     """Return the window with that project open at the Check page, suspects found."""
     window.projects.open_paths([swapped])
     wait(lambda: window.workspace.session.result is not None and window.workspace.session.step == "explore")
@@ -60,6 +60,14 @@ def checking(window, swapped, errors, wait):
     wait(lambda: page_of(window).checked.inspection is not None and not window.workspace.session.job.is_busy)
     assert not errors
     return window
+
+
+@pytest.fixture
+def checking(opened):
+    """Return the window with whole shapes and no suspect chosen."""
+    page_of(opened).table.clearSelection()
+    opened.commands["view.reset"].trigger()
+    return opened
 
 
 def page_of(window):
@@ -128,8 +136,8 @@ def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
     assert not errors
 
 
-def test_the_page_opens_on_the_most_severe_suspect(checking):
-    page, scene = page_of(checking), checking.views.stage.scene
+def test_the_page_opens_on_the_most_severe_suspect(opened):
+    page, scene = page_of(opened), opened.views.stage.scene
     worst = page.checked.inspection.suspects[0]
     assert worst.description in page.message.text()
     centre = scene.grid.cameras.each[0].GetFocalPoint()
@@ -141,7 +149,6 @@ def test_a_suspect_is_chosen_by_a_click_and_not_by_the_keyboard_that_comes_to_th
     from PySide6.QtTest import QTest
 
     page, places = page_of(checking), []
-    page.table.clearSelection()
     page.message.clear()
     page.place_wanted.connect(lambda *place: places.append(place))
     checking.activateWindow()
@@ -440,7 +447,6 @@ def test_a_close_up_has_the_whole_shape_in_a_corner(checking, wait):
         scene.plot.repaint()
         return [cell.overview.shown for cell in cells[: scene.grid.count]]
 
-    checking.commands["view.reset"].trigger()
     wait(lambda: not any(overviews()))
     checking.commands["check.next"].trigger()
     settled(checking, wait)
