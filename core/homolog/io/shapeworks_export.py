@@ -156,7 +156,7 @@ def _targets(
         return [_Target(folder, name, domain, slice(0, record.particles), everything)]
     targets, begin, settings = [], 0, record.settings.groom.of_structures
     for stem, item in zip(
-        file_stems([one.name for one in record.structures]), record.structures, strict=True
+        file_stems([structure.name for structure in record.structures]), record.structures, strict=True
     ):
         alone = project.structure(item.name)
         own = alone.read().result
