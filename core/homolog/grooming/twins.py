@@ -97,10 +97,10 @@ def _cell(subject: GroomedSubject) -> tuple[float, ...]:
     return subject.report.voxel or (edge,) * 3
 
 
-def _are_one(one: GroomedSubject, other: GroomedSubject) -> bool:
+def _are_one(first: GroomedSubject, second: GroomedSubject) -> bool:
     """Return whether two shapes are as near, once registered, as two samplings of one."""
-    fixed, moving = oriented_points(one.coarse_mesh), oriented_points(other.coarse_mesh)
+    fixed, moving = oriented_points(first.coarse_mesh), oriented_points(second.coarse_mesh)
     size = fixed.size
     fixed, moving = fixed.scaled(1.0 / size), moving.scaled(1.0 / size)
     nearest = min(gap(moving, fixed, fit.pose) for fit in candidates(moving, fixed))
-    return size * nearest <= max(*_cell(one), *_cell(other)) / 3.0
+    return size * nearest <= max(*_cell(first), *_cell(second)) / 3.0

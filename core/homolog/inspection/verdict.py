@@ -637,8 +637,8 @@ def _measure(
     if turns_of_files is not None:
         prior = float(min(np.square(turns_of_files).mean() / 3.0 + FILES_SPREAD**2, _ANY_TURN))
         turned = turns_of_files > np.radians(ANOTHER)
-        asked = chosen[turned[chosen]] if 2 * np.count_nonzero(turned) < count else chosen
-        uncertain = _uncertain(surfaces, middle, asked, tick) / max(len(chosen) - 1, 1)
+        turnable = chosen[turned[chosen]] if 2 * np.count_nonzero(turned) < count else chosen
+        uncertain = _uncertain(surfaces, middle, turnable, tick) / max(len(chosen) - 1, 1)
     gaps, thin, walls, apart, turns = [], [], [], [], []
     for place, index in enumerate(chosen):
         tick(place / len(chosen), "judging the model")
@@ -680,10 +680,10 @@ def _turns_of_files(alignments: FloatArray) -> FloatArray:
     return np.radians(angles_from(proper, typical_rotation(proper)))
 
 
-def _uncertain(surfaces: Sequence[TriangleMesh], middle: int, asked: IntArray, tick: Tick) -> int:
+def _uncertain(surfaces: Sequence[TriangleMesh], middle: int, turnable: IntArray, tick: Tick) -> int:
     """Return the number of some subjects that another orientation fits about as well as their own."""
     typical = _of_size_one(surfaces[middle])
-    others = [int(index) for index in asked if index != middle]
+    others = [int(index) for index in turnable if index != middle]
     count = 0
     for index in others:
         tick(0.0, "judging the model")
