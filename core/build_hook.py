@@ -16,7 +16,7 @@ class CommitHook(BuildHookInterface[Any]):
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Write the commit, where there is one; an editable install asks git itself."""
-        checkout = Path(__file__).parent
+        checkout = Path(__file__).parents[1]
         if version == "editable" or not (checkout / ".git").exists():
             return
         with suppress(OSError, subprocess.CalledProcessError):  # no git on this machine, or not its checkout
