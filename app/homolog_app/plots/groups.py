@@ -15,7 +15,6 @@ from homolog_app.plots.model import (
     TICK_PT,
     draw_scores,
     dress,
-    fitting,
     group_style,
     letters,
     points_in,
@@ -50,7 +49,6 @@ ALLOMETRY = ("regression score (mm)", "predicted (mm)")
 _WAVE = 2.4  # phase step between subjects [rad], so that neighbours do not hide each other
 _BOX = 0.28
 _LEAST_RANGE = 0.02  # least range of an axis of measures, relative to their size
-_WHOLE = 1.25  # width of axes without left ticks after the layout, relative to that before
 _UNUSUAL = 0.05
 _GAP_PT = 3.0  # gap between the texts below boxes
 _LEGIBLE = 8  # least number of letters of a group's name below its box
@@ -354,6 +352,6 @@ def draw_percentiles(rows: Sequence[Axes], measures: Sequence[PercentileRow], co
         axes.plot(item.value, 0.0, "D", color=ink, markersize=7, mec=colours.surface)
         axes.set(ylim=(-1.0, 1.0), yticks=())
         axes.spines["left"].set_visible(False)
-        room = points_in(axes, _WHOLE * axes.bbox.width) - width_of(text) - TICK_PT
-        axes.set_title(fitting(name, room), loc="left", fontsize=TICK_PT, color=colours.dim, pad=2.0)
+        name = f"{name}\n"  # above the value
+        axes.set_title(name, loc="left", fontsize=TICK_PT, color=colours.dim, pad=2.0)
         axes.set_title(text, loc="right", fontsize=TICK_PT, color=colours.text, pad=2.0)

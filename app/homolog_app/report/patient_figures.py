@@ -85,7 +85,7 @@ def change_figure(follow_up: FollowUp, change: Change, width: int = 400) -> Figu
 
 def percentiles_figure(rows: Sequence[PercentileRow]) -> Figure:
     """Draw the patient's numbers among those of the controls."""
-    figure = new_figure(6.6, 0.65 * len(rows), colours := page_colours(LIGHT))
+    figure = new_figure(6.6, 0.8 * len(rows), colours := page_colours(LIGHT))
     draw_percentiles(figure.subplots(len(rows), 1), rows, colours)
     return figure
 

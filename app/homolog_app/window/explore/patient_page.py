@@ -94,7 +94,7 @@ if TYPE_CHECKING:
 __all__ = ["FollowUpPart", "PatientForm", "PatientPage", "region_table", "remark_texts"]
 
 
-_HIGH = 58
+_HIGH = 72
 
 
 class PercentileBars(Plot):
