@@ -22,12 +22,12 @@ def template_text(name: str, context: Mapping[str, object]) -> str:
     return _template(name).render(context)
 
 
-def block_text(name: str, block: str, **values: object) -> str:
+def block_text(name: str, block: str, /, **values: object) -> str:
     """Return the text of a block of a template."""
     template = _template(name)
     return "".join(template.blocks[block](template.new_context(values))).strip()
 
 
-def caption(block: str, **values: object) -> str:
+def caption(block: str, /, **values: object) -> str:
     """Return the caption of a figure."""
     return block_text("captions.jinja", block, **values)

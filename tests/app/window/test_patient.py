@@ -152,8 +152,8 @@ def test_notes_of_grooming_are_not_among_the_cautions():
     comparison = SimpleNamespace(
         remarks=("holes were filled", "age is extrapolated"), cautions=("age is extrapolated",)
     )
-    assert remark_texts(comparison) == ("Holes were filled", "Age is extrapolated")
-    assert remark_texts(None) == ("", "")
+    assert remark_texts({"": comparison}) == ("Holes were filled", "Age is extrapolated")
+    assert remark_texts({}) == ("", "")
 
 
 def test_a_region_is_looked_at_on_the_surface_of_the_patient(ball):

@@ -297,7 +297,7 @@ def test_a_shape_that_a_dent_at_the_other_end_turns_is_named(paw, coarse_egg):
     registration = register(cohort, GroomSettings())
     angles = np.degrees(Rotation.from_matrix(rotation_of(registration.alignments)).magnitude())
     assert all(note for note, angle in zip(registration.notes, angles, strict=True) if angle > 90.0)
-    assert np.count_nonzero(angles > 90.0) < 5
+    assert np.count_nonzero(angles > 90.0) <= 5
 
 
 def test_round_shapes_keep_the_orientation_of_files_that_lie_alike_and_say_so(paw, coarse_egg):
