@@ -231,7 +231,7 @@ class ExplorePage(Panel):
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
         super().__init__(self.title, self.hint)
-        self.workspace, self.commands, self.fitted = workspace, actions, fitted
+        self.workspace, self.fitted = workspace, fitted
         self.player: Player | None = None
         self.plots: QWidget | None = None
         self.views: QComboBox | None = None
